@@ -1,0 +1,80 @@
+"""What enters and leaves one turn of the loop. All of it is recorded; replay feeds it in again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from drivers.vehicle import Command, Pose, VehicleState
+from planner.plan import Action
+from planner.problem import Problem
+
+
+@dataclass(frozen=True, slots=True)
+class OperatorInput:
+    """One wish of the operator, or of the runner in the operator's name.
+
+    Attributes:
+        wish: ``checked`` (the checks of the plan passed), ``arm``, ``start``, ``hold``, ``resume``, ``recover`` (bring
+            everybody down), ``stop`` (all motors off at once).
+        plan_digest: with ``checked``, the plan that was checked.
+        valid_until_s: with ``checked``, when the result expires.
+    """
+
+    wish: Literal["checked", "arm", "start", "hold", "resume", "recover", "stop"]
+    plan_digest: str | None = None
+    valid_until_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PlanRequest:
+    """A replan asked for: a command out. ``start`` is the current plan's rest, the warm start."""
+
+    number: int
+    problem: Problem
+    start: tuple[Action, ...]
+    reason: str
+    urgent: bool
+
+
+@dataclass(frozen=True, slots=True)
+class PlanReply:
+    """Its result: an observation in. Actions refer to the request's problem (same indices as the mission's)."""
+
+    number: int
+    feasible: bool
+    actions: tuple[Action, ...]
+    method: str
+    planning_s: float
+    violation: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """A command that the gate did not let pass, and why."""
+
+    command: Command
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """Everything that ``step`` sees.
+
+    Attributes:
+        now_s: the loop's clock.
+        poses: the newest pose of each body received since the last turn.
+        vehicles: the newest snapshot of every vehicle.
+        operator: wishes since the last turn.
+        plan_reply: a planner's result that has just come in.
+        refusals: what the gate refused of the last turn's commands.
+        late_s: how much later than planned this turn began.
+    """
+
+    now_s: float
+    poses: tuple[Pose, ...] = ()
+    vehicles: tuple[VehicleState, ...] = ()
+    operator: tuple[OperatorInput, ...] = ()
+    plan_reply: PlanReply | None = None
+    refusals: tuple[Refusal, ...] = ()
+    late_s: float = 0.0

@@ -1,0 +1,61 @@
+"""The one entrance to every planning method: ``solve(problem, stop, seed, params) -> Result``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from planner.errors import PlannerError
+from planner.plan import Action, Plan
+from planner.problem import Problem
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """When to stop improving: wall-clock time in s, iterations, or whichever is first; at least one is given."""
+
+    time_s: float | None = None
+    iterations: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.time_s is None and self.iterations is None:
+            raise PlannerError("stop: give time_s, iterations or both")
+        if self.time_s is not None and not self.time_s > 0:
+            raise PlannerError(f"stop: time_s is {self.time_s}; give a number above 0")
+        if self.iterations is not None and self.iterations < 0:
+            raise PlannerError(f"stop: iterations is {self.iterations}; give a number of at least 0")
+
+
+@dataclass(frozen=True, slots=True)
+class Params:
+    """Which method, and what it takes; unknown options are errors of the method.
+
+    Attributes:
+        method: name of the method.
+        start: actions to start from (a warm start); used where feasible, repaired where not.
+        options: the method's own.
+    """
+
+    method: str = "search"
+    start: Sequence[Action] | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """The best plan found (feasible wherever one was found) and what it took."""
+
+    plan: Plan
+    iterations: int
+    time_s: float
+
+
+def solve(problem: Problem, stop: Stop, seed: int = 0, params: Params = Params()) -> Result:
+    """Plans. The same seed and iteration budget give the same plan on the same machine.
+
+    Raises:
+        PlannerError: for an unknown method or a wrong option; never for a problem that has no feasible plan, which
+            comes back as an infeasible plan with its violation in words.
+    """
+    raise NotImplementedError

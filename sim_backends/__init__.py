@@ -1,0 +1,1 @@
+"""Simulated vehicles behind the very interfaces of ``drivers``."""
