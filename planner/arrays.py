@@ -1,0 +1,186 @@
+"""A problem and its actions as plain arrays, as the compiled evaluator and search take them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner import kernel
+from planner.errors import PlannerError
+from planner.kernel import Floats, Ints
+from planner.plan import Action, Move, Recharge, Visit
+from planner.problem import Problem
+
+MAX_COUNT = 4096  # an action packs the vehicle and its target into 12 bits each
+
+
+@dataclass(frozen=True, slots=True)
+class Arrays:
+    """A problem for the kernels; shapes are in ``planner.kernel.run``, the order is that of its arguments."""
+
+    dist: Floats
+    near: Floats
+    near_site: NDArray[np.intp]
+    road: Floats
+    uavs: Floats
+    ugvs: Floats
+    site0: Ints
+    docks0: Floats
+    visited: NDArray[np.uint8]
+
+    @property
+    def fixed(self) -> tuple[Floats, Floats, Floats, Floats, Floats, Ints, Floats, NDArray[np.uint8]]:
+        """The arguments of ``kernel.run`` that do not change with the plan, in its order."""
+        return self.dist, self.near, self.road, self.uavs, self.ugvs, self.site0, self.docks0, self.visited
+
+    def scratch(self) -> tuple[Ints, Floats, Ints, Floats, Floats, NDArray[np.uint8], Floats]:
+        """Fresh work space for ``kernel.run``, in its order; the last array holds the results."""
+        n_uavs, n_ugvs = len(self.uavs), len(self.ugvs)
+        return (
+            np.empty(n_uavs, np.int32),
+            np.empty((n_uavs, 2)),
+            np.empty(n_ugvs, np.int32),
+            np.empty((n_ugvs, 4)),
+            np.empty(self.docks0.shape),
+            np.empty(len(self.visited), np.uint8),
+            np.empty(kernel.OUT_SIZE),
+        )
+
+
+_CACHE: WeakKeyDictionary[Problem, Arrays] = WeakKeyDictionary()
+
+
+def arrays_of(problem: Problem) -> Arrays:
+    """The arrays of ``problem``, made once per problem (about 0.1 ms for 6 vehicles and 15 tasks)."""
+    found = _CACHE.get(problem)
+    if found is None:
+        found = _CACHE[problem] = _make(problem)
+    return found
+
+
+def _make(problem: Problem) -> Arrays:
+    tasks, sites, uavs, ugvs = problem.tasks, problem.sites, problem.uavs, problem.ugvs
+    if max(len(tasks), len(sites) + len(ugvs), len(uavs)) >= MAX_COUNT:
+        raise PlannerError(f"the problem is too large: at most {MAX_COUNT - 1} tasks, path points and vehicles each")
+    n_tasks, n_sites = len(tasks), len(sites)
+    nodes = np.concatenate([tasks, sites, np.array([u.position for u in uavs], dtype=np.float64)])
+    step = nodes[:, None, :] - nodes[None, : n_tasks + n_sites, :]
+    dist = np.sqrt(step[..., 0] ** 2 + step[..., 1] ** 2)
+    to_sites = dist[:, n_tasks:]
+    near_site = to_sites.argmin(axis=1)
+    road = np.empty((n_sites + len(ugvs), n_sites))
+    road[:n_sites] = problem.road_distance_m
+    site0 = np.empty(len(ugvs), np.int32)
+    docks0 = np.full((len(ugvs), max((g.docks for g in ugvs), default=1)), np.inf)
+    for i, g in enumerate(ugvs):
+        at = n_sites - 1 if g.path_point is None else g.path_point
+        site0[i] = at if g.distance_to_m is None else n_sites + i
+        road[n_sites + i] = problem.road_distance_m[at] if g.distance_to_m is None else g.distance_to_m
+        docks0[i, : g.docks] = 0.0
+        docks0[i, : len(g.dock_ready_s)] = g.dock_ready_s
+    uav_rows = [
+        (
+            u.energy_j,
+            u.capacity_j,
+            u.reserve_j,
+            u.speed_mps,
+            u.cruise_w,
+            u.hover_w,
+            u.hover_w if u.waiting == "hover" else 0.0,
+            u.service_s,
+            u.ready_s,
+        )
+        for u in uavs
+    ]
+    ugv_rows = [
+        (
+            g.energy_j,
+            g.speed_mps,
+            g.drive_w,
+            g.idle_w,
+            g.charge_s or 0.0,
+            g.charge_w or 0.0,
+            g.dock_s,
+            g.undock_s,
+            g.ready_s,
+        )
+        for g in ugvs
+    ]
+    return Arrays(
+        dist=np.ascontiguousarray(dist),
+        near=np.ascontiguousarray(to_sites.min(axis=1)),
+        near_site=near_site,
+        road=road,
+        uavs=np.array(uav_rows, dtype=np.float64),
+        ugvs=np.array(ugv_rows, dtype=np.float64).reshape(-1, 9),
+        site0=site0,
+        docks0=docks0,
+        visited=problem.visited.astype(np.uint8),
+    )
+
+
+def encode(problem: Problem, actions: Sequence[Action]) -> Ints:
+    """The actions as the kernels take them, (n,).
+
+    Raises:
+        PlannerError: when an action names a task, path point or vehicle that does not exist.
+    """
+    n_tasks, n_points = len(problem.tasks), len(problem.path_points)
+    n_uavs, n_ugvs = len(problem.uavs), len(problem.ugvs)
+    codes = []
+    for i, a in enumerate(actions):
+        if isinstance(a, Visit):
+            _exists(i, "uav", a.uav, n_uavs)
+            _exists(i, "task", a.task, n_tasks)
+            codes.append(kernel.VISIT << 24 | a.uav << 12 | a.task)
+        elif isinstance(a, Recharge):
+            _exists(i, "uav", a.uav, n_uavs)
+            _exists(i, "ugv", a.ugv, n_ugvs)
+            codes.append(kernel.RECHARGE << 24 | a.uav << 12 | a.ugv)
+        elif isinstance(a, Move):
+            _exists(i, "ugv", a.ugv, n_ugvs)
+            point = n_points
+            if a.path_point is not None:
+                point = a.path_point
+                _exists(i, "path point", point, n_points)
+            codes.append(kernel.MOVE << 24 | a.ugv << 12 | point)
+        else:
+            raise PlannerError(f"actions[{i}] is {a!r}; give a Visit, Move or Recharge")
+    return np.array(codes, dtype=np.int32)
+
+
+def _exists(action: int, what: str, index: int, count: int) -> None:
+    if not 0 <= index < count:
+        raise PlannerError(f"actions[{action}]: {what} {index} does not exist; there are {count}")
+
+
+def decode(problem: Problem, codes: Ints) -> tuple[Action, ...]:
+    """The actions that ``codes`` stand for; the inverse of ``encode``."""
+    actions: list[Action] = []
+    for code in codes.tolist():
+        kind, vehicle, target = code >> 24, code >> 12 & 4095, code & 4095
+        if kind == kernel.VISIT:
+            actions.append(Visit(vehicle, target))
+        elif kind == kernel.RECHARGE:
+            actions.append(Recharge(vehicle, target))
+        else:
+            actions.append(Move(vehicle, None if target == problem.depot_index else target))
+    return tuple(actions)
+
+
+def switched_on(what: str, count: int, excluded: Collection[int]) -> NDArray[np.uint8]:
+    """One flag per vehicle, 0 where it is excluded, (count,).
+
+    Raises:
+        PlannerError: when an excluded vehicle does not exist.
+    """
+    flags = np.ones(count, np.uint8)
+    for index in excluded:
+        if not 0 <= index < count:
+            raise PlannerError(f"excluded {what} {index} does not exist; there are {count}")
+        flags[index] = 0
+    return flags
