@@ -25,7 +25,13 @@ _STATE_STYLE = {
     "done": "bold white on dodger_blue3",
     "aborted": "bold white on red3",
 }
-_PHASE_STYLE = {"lost": "bold red", "holding": "dark_orange", "charging": "yellow3", "flying": "cyan", "driving": "cyan"}
+_PHASE_STYLE = {
+    "lost": "bold red",
+    "holding": "dark_orange",
+    "charging": "yellow3",
+    "flying": "cyan",
+    "driving": "cyan",
+}
 _EVENT_STYLE = {
     Severity.INFO: "default",
     Severity.WARNING: "yellow3",
@@ -35,6 +41,8 @@ _EVENT_STYLE = {
 _HINT = "Ctrl-C: hold and bring everybody down · twice: stop all motors"
 WIDE = 110
 """From this width on positions and longer bars fit."""
+_FRAME = 8
+"""Lines that are neither vehicles nor events, with one to spare for the cursor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +70,7 @@ def clock_text(seconds: float) -> str:
 
 def bar(fraction: float, width: int, style: str) -> Text:
     """A bar of ``width`` cells, to an eighth of a cell."""
-    cells = min(max(fraction, 0.0), 1.0) * width
+    cells = min(max(fraction, 0.0), 1.0) * width if math.isfinite(fraction) else 0.0
     full, eighth = int(cells), int((cells - int(cells)) * 8)
     filled = "█" * full + (" ▏▎▍▌▋▊▉"[eighth] if eighth else "")
     return Text.assemble((filled, f"{style} on grey23"), (" " * (width - len(filled)), "on grey23"))
@@ -70,14 +78,15 @@ def bar(fraction: float, width: int, style: str) -> Text:
 
 def render(header: Header, status: Status, events: Sequence[Event], width: int, height: int) -> RenderableType:
     """The whole screen, at the most ``height`` lines."""
-    rows = max(1, min(len(status.vehicles), height - 10))
-    left = max(3, min(8, height - rows - 9))
+    rows = max(1, min(len(status.vehicles), height - _FRAME - 3))
+    more = rows < len(status.vehicles)
+    left = max(1, min(8, height - _FRAME - rows - more))
     parts: list[RenderableType] = [
         _head(status, width),
         Text(),
         _vehicles(status.vehicles[:rows], width),
     ]
-    if rows < len(status.vehicles):
+    if more:
         parts.append(Text(f" and {len(status.vehicles) - rows} more vehicles", style="dim"))
     parts += [Text(), _events(status, events[-left:], left, header.time_scale)]
     return Panel(
@@ -102,8 +111,9 @@ def _head(status: Status, width: int) -> RenderableType:
         clock.append(f" of {clock_text(status.predicted_makespan_s)}", style="not bold dim")
     plan = Text(f"plan {status.plan_number}" + ("" if status.plan_number == 0 else " (replanned)"), style="dim")
     grid = Table.grid(expand=True, padding=(0, 2))
-    for justify in ("left", "left", "left", "right"):
-        grid.add_column(justify=justify, no_wrap=True)  # type: ignore[arg-type]
+    for _ in range(3):
+        grid.add_column(no_wrap=True)
+    grid.add_column(no_wrap=True, justify="right")
     grid.add_row(state, tasks, plan, clock)
     return grid
 
@@ -131,6 +141,8 @@ def _vehicles(vehicles: Sequence[VehicleStatus], width: int) -> RenderableType:
 
 
 def _energy(fraction: float, width: int) -> Text:
+    if not math.isfinite(fraction):
+        return Text("unknown", style="dim")
     style = "green3" if fraction > 0.5 else "yellow3" if fraction > 0.25 else "red"
     return Text.assemble(bar(fraction, width, style), f" {100 * fraction:3.0f} %")
 

@@ -1,0 +1,104 @@
+"""What every command does alike: exit codes, errors without tracebacks, JSON for machines."""
+
+from __future__ import annotations
+
+import functools
+import json
+import math
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any, ParamSpec
+
+import typer
+from rich.console import Console
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from deploy.errors import DeployError
+from drivers.errors import DriverError
+from planner.errors import PlannerError
+from sim_backends.errors import SimulationError
+
+DONE, FAILED, BAD_INPUT, ABORTED = 0, 1, 2, 3
+"""Exit codes: done or passed; the mission or a check failed; bad input; aborted by the operator."""
+
+P = ParamSpec("P")
+
+
+def guarded(command: Callable[P, int]) -> Callable[P, None]:
+    """Turns a command's result into the exit code, and everything a user can cause into one line on standard error.
+
+    With ``--json`` the error is a JSON object on standard output as well.
+    """
+
+    @functools.wraps(command)
+    def run(*args: P.args, **kwargs: P.kwargs) -> None:
+        code, message = BAD_INPUT, None
+        try:
+            code = command(*args, **kwargs)
+        except KeyboardInterrupt:
+            code, message = ABORTED, "aborted by the operator"
+        except BrokenPipeError:
+            # whoever read standard output has gone; what was asked for went as far as they cared
+            code = DONE
+        except DeployError as error:
+            code, message = error.exit_code, str(error)
+        except (PlannerError, SimulationError) as error:
+            message = str(error)
+        except DriverError as error:
+            code, message = FAILED, str(error)
+        except OSError as error:
+            message = f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror or error)
+        except MemoryError:
+            code, message = FAILED, "not enough memory; close other programs or plan a smaller mission"
+        if message is not None:
+            _say_error(message, code, as_json=bool(kwargs.get("as_json")))
+        _flush()
+        raise typer.Exit(code)
+
+    return run
+
+
+def _say_error(message: str, code: int, *, as_json: bool) -> None:
+    try:
+        print(f"error: {message}" if code != ABORTED else message, file=sys.stderr)
+        if as_json:
+            print_json({"error": message, "exit_code": code})
+    except OSError:
+        pass  # nobody is left to be told
+
+
+def _flush() -> None:
+    """Writes out standard output now, so that a closed pipe shows here and not in the interpreter's exit."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def print_json(value: Mapping[str, Any]) -> None:
+    """One JSON object on standard output; numbers that JSON has no word for are null."""
+    print(json.dumps(finite(value), indent=2))
+
+
+def finite(value: Any) -> Any:
+    """``value`` with every number that is not finite as None, in mappings and lists too."""
+    if isinstance(value, Mapping):
+        return {str(key): finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+@contextmanager
+def working(text: str, *, quiet: bool = False) -> Iterator[None]:
+    """Shows that something long is going on, on standard error and only where that is a terminal."""
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
+        yield
+        return
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        progress.add_task(text, total=None)
+        yield
