@@ -12,9 +12,9 @@ from contextlib import contextmanager
 from typing import Any, ParamSpec
 
 import typer
-from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+from deploy.display import SteadyConsole
 from deploy.errors import DeployError
 from drivers.errors import DriverError
 from planner.errors import PlannerError
@@ -94,7 +94,7 @@ def finite(value: Any) -> Any:
 @contextmanager
 def working(text: str, *, quiet: bool = False) -> Iterator[None]:
     """Shows that something long is going on, on standard error and only where that is a terminal."""
-    console = Console(stderr=True)
+    console = SteadyConsole(stderr=True)
     if quiet or not console.is_terminal:
         yield
         return

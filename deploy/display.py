@@ -21,6 +21,14 @@ REFRESH_S = 0.1
 EVENTS_KEPT = 30
 
 
+class SteadyConsole(Console):
+    """A console that falls silent when whoever reads it has gone; rich's own would end the program, in flight too."""
+
+    def on_broken_pipe(self) -> None:
+        """Says nothing from now on."""
+        self.quiet = True
+
+
 class Display(Protocol):
     """Told about a run as it goes; must never stop one."""
 
@@ -115,7 +123,7 @@ class LiveDisplay:
     """
 
     def __init__(self, console: Console | None = None) -> None:
-        self._console = console or Console()
+        self._console = console or SteadyConsole()
         self._live: Live | None = None
         self._header: Header | None = None
         self._status: Status | None = None
@@ -168,7 +176,7 @@ def make_display(*, quiet: bool) -> Display:
     """The display that suits where standard output goes; ``quiet`` (as with ``--json``) shows nothing."""
     if quiet:
         return NullDisplay()
-    console = Console()
+    console = SteadyConsole()
     return LiveDisplay(console) if console.is_terminal and not console.is_dumb_terminal else PlainDisplay()
 
 

@@ -6,7 +6,7 @@ import os
 import pytest
 from rich.console import Console
 
-from deploy.display import LiveDisplay, NullDisplay, PlainDisplay, make_display
+from deploy.display import LiveDisplay, NullDisplay, PlainDisplay, SteadyConsole, make_display
 from deploy.events import Action, Event, EventKind, Severity
 from deploy.screen import Header, bar, clock_text, render
 from deploy.status import Status, VehicleStatus
@@ -109,7 +109,7 @@ def test_a_closed_pipe_does_not_end_the_flight() -> None:
     stream = os.fdopen(write, "w")
     display = PlainDisplay(stream)
     display.update(status(), [event("x" * 100_000)])
-    live = LiveDisplay(Console(file=stream, force_terminal=True))
+    live = LiveDisplay(SteadyConsole(file=stream, force_terminal=True))
     live.begin(HEADER)
     live.update(status(), [event()])
     live.end()
