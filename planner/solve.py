@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
 
 from planner.errors import PlannerError
 from planner.plan import Action, Plan
@@ -58,4 +59,30 @@ def solve(problem: Problem, stop: Stop, seed: int = 0, params: Params = Params()
         PlannerError: for an unknown method or a wrong option; never for a problem that has no feasible plan, which
             comes back as an infeasible plan with its violation in words.
     """
-    raise NotImplementedError
+    method = _method(params.method)
+    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 1 << 64:
+        raise PlannerError(f"seed is {seed!r}; give a whole number from 0 to 2^64 - 1")
+    begun = time.perf_counter()
+    result = method(problem, stop, seed, params)
+    took = time.perf_counter() - begun
+    return replace(result, plan=replace(result.plan, method=params.method, planning_s=took), time_s=took)
+
+
+class Method(Protocol):
+    """A planning method; ``solve`` fills in its name and the time that it took."""
+
+    def __call__(self, problem: Problem, stop: Stop, seed: int, params: Params) -> Result:
+        """Plans; see ``solve``."""
+        ...
+
+
+METHODS = ("search",)
+
+
+def _method(name: str) -> Method:
+    # Methods are imported when first asked for: some will be slow to import.
+    if name == "search":
+        from planner.search import search  # noqa: PLC0415
+
+        return search
+    raise PlannerError(f"method {name!r} does not exist; there are {', '.join(METHODS)}")
