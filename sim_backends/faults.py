@@ -22,9 +22,7 @@ class FaultKind(StrEnum):
 
     UGV_STALL = "ugv_stall"  # none
     UGV_SLOW = "ugv_slow"  # factor of its speed, above 0, at most 1
-    HEAD_WIND = (
-        "head_wind"  # m/s of ground speed lost in any direction of flight, above 0; nobody named: all UAVs
-    )
+    HEAD_WIND = "head_wind"  # m/s of ground speed lost in any direction of flight, above 0; nobody named: all UAVs
     BATTERY_DRAIN = "battery_drain"  # factor of its power, above 0
     CHARGE_SLOW = "charge_slow"  # factor of the charging power, 0 (does not charge at all) to 1
     POSE_DROPOUT = "pose_dropout"  # none; nobody named: all bodies
@@ -32,9 +30,7 @@ class FaultKind(StrEnum):
     POSE_JUMP = "pose_jump"  # m, above 0
     POSE_SWAP = "pose_swap"  # none; ``other`` is the other vehicle
     TELEMETRY_LOSS = "telemetry_loss"  # none; nobody named: all vehicles
-    VEHICLE_LOST = (
-        "vehicle_lost"  # 0 (default): link and poses die and it stops or lands by itself; 1: its motors fail
-    )
+    VEHICLE_LOST = "vehicle_lost"  # 0 (default): link and poses die and it stops or lands by itself; 1: its motors fail
     DOCK_MISSED = "dock_missed"  # how many attempts in a row fail, a whole number of at least 1 (default 1)
     PLANNER_SLOW = "planner_slow"  # s added to each planning call, above 0; for whoever runs the planner
 
@@ -43,9 +39,7 @@ UAV_ONLY = frozenset({FaultKind.HEAD_WIND, FaultKind.CHARGE_SLOW, FaultKind.DOCK
 """Kinds that mean a UAV; ``charge_slow`` and ``dock_missed`` name the UAV, not the UGV that carries it."""
 UGV_ONLY = frozenset({FaultKind.UGV_STALL, FaultKind.UGV_SLOW})
 """Kinds that mean a UGV."""
-FOR_ALL = frozenset(
-    {FaultKind.HEAD_WIND, FaultKind.POSE_DROPOUT, FaultKind.POSE_FREEZE, FaultKind.TELEMETRY_LOSS}
-)
+FOR_ALL = frozenset({FaultKind.HEAD_WIND, FaultKind.POSE_DROPOUT, FaultKind.POSE_FREEZE, FaultKind.TELEMETRY_LOSS})
 """Kinds that mean everybody they can concern when they name nobody."""
 _VALUE = {
     # kind: (default or None where it must be given, least, is the least excluded, most)
@@ -158,8 +152,7 @@ def check_faults(faults: Sequence[Fault], uav_ids: Sequence[str], ugv_ids: Seque
         for vehicle in (fault.vehicle, fault.other):
             if vehicle is not None and vehicle not in allowed:
                 raise SimulationError(
-                    f"faults[{number}] ({fault.kind.value}): vehicle {vehicle!r} is none of "
-                    f"{', '.join(allowed)}"
+                    f"faults[{number}] ({fault.kind.value}): vehicle {vehicle!r} is none of {', '.join(allowed)}"
                 )
 
 
