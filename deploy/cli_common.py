@@ -7,7 +7,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, ParamSpec
 
@@ -16,6 +16,7 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from deploy.display import SteadyConsole
 from deploy.errors import DeployError
+from deploy.screen import clock_text
 from drivers.errors import DriverError
 from planner.errors import PlannerError
 from sim_backends.errors import SimulationError
@@ -102,3 +103,16 @@ def working(text: str, *, quiet: bool = False) -> Iterator[None]:
     with Progress(*columns, console=console, transient=True) as progress:
         progress.add_task(text, total=None)
         yield
+
+
+def duration_text(seconds: float | None) -> str:
+    """A duration for people: h:mm:ss; a dash where there is none."""
+    return "-" if seconds is None or not math.isfinite(seconds) else clock_text(seconds)
+
+
+def show_rows(rows: Iterable[tuple[str, str]]) -> None:
+    """Names and values, one a line, for people and ``grep``."""
+    rows = list(rows)
+    width = max(len(name) for name, _ in rows)
+    for name, value in rows:
+        print(f"{name:<{width}}  {value}")

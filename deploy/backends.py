@@ -1,0 +1,186 @@
+"""What executes a mission's commands: a simulated world made from the mission itself, later the real fleet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from deploy.errors import InputError
+from deploy.mission import Mission
+from deploy.settings import UavSettings, UgvSettings
+from drivers.clock import Clock
+from drivers.vehicle import PoseSource, Vec2, Vehicle
+from planner.problem import Uav, Ugv, uav_power_w, ugv_power_w
+from sim_backends.faults import Fault, random_faults
+from sim_backends.kinematic import build
+from sim_backends.truth import Truth
+from sim_backends.world import UAV_POWER_W, UGV_POWER_W, SimUav, SimUgv, WorldConfig, line_power_w
+
+AVAILABLE = "--backend sim --sim kinematic"
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """Everything that a flight needs of the outside.
+
+    Attributes:
+        vehicles: by id, UAVs first.
+        poses: motion capture.
+        clock: the loop's.
+        name: of the backend, for recordings.
+        virtual: the clock jumps; nothing waits for the wall clock.
+        truth: the simulated world's own audit until now; None where nobody knows.
+        planner_delay_s: arena s by which a planning call that begins now is slowed by a scripted fault.
+    """
+
+    vehicles: Mapping[str, Vehicle]
+    poses: PoseSource
+    clock: Clock
+    name: str
+    virtual: bool
+    truth: Callable[[], Truth] | None = None
+    planner_delay_s: Callable[[], float] = lambda: 0.0
+
+    def connect(self, deadline_s: float) -> None:
+        """Connects motion capture and every vehicle within ``deadline_s`` on the clock.
+
+        Raises:
+            DriverError: naming who could not be reached, why and what to do.
+        """
+        self.poses.connect(deadline_s)
+        for vehicle in self.vehicles.values():
+            vehicle.connect(deadline_s)
+
+    def close(self) -> None:
+        """Releases every link; call it when everybody is down."""
+        for vehicle in self.vehicles.values():
+            vehicle.close()
+        self.poses.close()
+
+
+def require(backend: str, sim: str) -> None:
+    """Checks that there is such a backend.
+
+    Raises:
+        InputError: saying what is available.
+    """
+    if backend == "real":
+        raise InputError(f"real: this version has no drivers for real vehicles yet; use {AVAILABLE}", key="--backend")
+    if backend != "sim":
+        raise InputError(f"{backend!r} does not exist; use {AVAILABLE}", key="--backend")
+    if sim == "wire":
+        raise InputError(f"wire: this version has no wire-level simulation yet; use {AVAILABLE}", key="--sim")
+    if sim != "kinematic":
+        raise InputError(f"{sim!r} does not exist; use {AVAILABLE}", key="--sim")
+
+
+def connect(
+    mission: Mission, backend: str = "sim", sim: str = "kinematic", seed: int | None = None, horizon_s: float = 3600.0
+) -> Fleet:
+    """Makes the fleet of ``mission``, not yet connected.
+
+    Args:
+        mission: as loaded.
+        backend: ``sim``.
+        sim: ``kinematic``.
+        seed: of the world's noise; default: the mission's.
+        horizon_s: expected duration, mission s; drawn faults lie within.
+
+    Raises:
+        InputError: when there is no such backend.
+    """
+    require(backend, sim)
+    kinematic = build(world_of(mission, mission.seed if seed is None else seed), faults_of(mission, horizon_s))
+    return Fleet(
+        vehicles=kinematic.vehicles,
+        poses=kinematic.poses,
+        clock=kinematic.clock,
+        name="kinematic",
+        virtual=True,
+        truth=kinematic.truth,
+        planner_delay_s=kinematic.planner_delay_s,
+    )
+
+
+def faults_of(mission: Mission, horizon_s: float) -> tuple[Fault, ...]:
+    """The mission's scripted faults and those that it has drawn; ``horizon_s`` in mission s."""
+    drawn: tuple[Fault, ...] = ()
+    settings = mission.settings
+    if mission.random_faults is not None:
+        drawn = random_faults(
+            mission.random_faults.seed,
+            mission.random_faults.count,
+            horizon_s * settings.frame.time_scale,
+            [u.id for u in settings.uavs],
+            [g.id for g in settings.ugvs],
+            speed_mps=settings.uavs[0].speed_mps,
+            time_scale=settings.frame.time_scale,
+        )
+    return (*mission.faults, *drawn)
+
+
+def world_of(mission: Mission, seed: int) -> WorldConfig:
+    """The simulated world of a mission: its fleet at the depot, its limits for the audit, noise that fits its size."""
+    s = mission.settings
+    # Vehicles are as large as the distance they must keep from each other says: 3 m for a field, 0.3 m for a lab.
+    size_m = s.separation.horizontal_m
+    depot = s.frame.to_arena(mission.problem.depot)
+    return WorldConfig(
+        uavs=tuple(_uav(u, p, depot, size_m) for u, p in zip(s.uavs, mission.problem.uavs, strict=True)),
+        ugvs=tuple(_ugv(g, p, depot, size_m) for g, p in zip(s.ugvs, mission.problem.ugvs, strict=True)),
+        scale=s.frame.scale,
+        time_scale=s.frame.time_scale,
+        seed=seed,
+        step_s=0.1 if size_m >= 1.5 else 0.02,
+        pose_noise_m=min(0.01, 0.003 * size_m),
+        occlusions_per_s=0.001,
+        telemetry_drop=0.01,
+        command_drop=0.01,
+        gust_mps=0.02 * max(u.speed_mps for u in s.uavs),
+        dock_tolerance_m=min(0.3, 0.1 * size_m),
+        collision_m=min(0.5, size_m / 3),
+        separation_h_m=s.separation.horizontal_m,
+        separation_v_m=s.separation.vertical_m,
+        separation_ugv_m=s.separation.ugv_m,
+        fence_m=s.geofence.polygon_m,
+        ceiling_m=s.geofence.ceiling_m,
+    )
+
+
+def _uav(u: UavSettings, p: Uav, depot_m: Vec2, size_m: float) -> SimUav:
+    paper = (p.hover_w, p.cruise_w) == (uav_power_w(0.0), uav_power_w(p.speed_mps))
+    return SimUav(
+        id=u.id,
+        body=u.body,
+        start_m=(depot_m[0] + u.pad_offset_m[0], depot_m[1] + u.pad_offset_m[1]),
+        max_speed_mps=u.max_speed_mps,
+        accel_mps2=u.accel_mps2,
+        climb_mps=u.climb_mps,
+        descent_mps=u.descent_mps,
+        tracking_noise_m=min(0.1, 0.03 * size_m),
+        dock_noise_m=min(0.03, 0.01 * size_m),
+        drift_mps=min(0.1, 0.03 * size_m),
+        power_w=UAV_POWER_W if paper else line_power_w(p.hover_w, p.cruise_w, p.speed_mps),
+        capacity_j=p.capacity_j,
+        # the planner's UAV begins when it has climbed, with what is left then
+        energy_j=min(p.capacity_j, p.energy_j + p.ready_s * p.hover_w),
+    )
+
+
+def _ugv(g: UgvSettings, p: Ugv, depot_m: Vec2, size_m: float) -> SimUgv:
+    return SimUgv(
+        id=g.id,
+        body=g.body,
+        start_m=(depot_m[0] + g.park_offset_m[0], depot_m[1] + g.park_offset_m[1]),
+        max_speed_mps=g.max_speed_mps,
+        accel_mps2=g.accel_mps2,
+        tracking_noise_m=min(0.05, 0.01 * size_m),
+        power_w=UGV_POWER_W if p.drive_w == ugv_power_w(p.speed_mps) else (p.drive_w,),
+        idle_w=p.idle_w,
+        capacity_j=p.capacity_j,
+        energy_j=p.energy_j,
+        charge_s=p.charge_s,
+        charge_w=p.charge_w,
+        pad_height_m=g.pad_height_m,
+        dock_offsets_m=g.dock_offsets_m,
+    )

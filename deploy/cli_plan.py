@@ -1,0 +1,125 @@
+"""``copcs-deploy plan``: a mission or a problem file in, a plan file and a picture out."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+from deploy.cli_common import DONE, FAILED, duration_text, finite, print_json, show_rows, working
+from deploy.drawing import MapDrawing
+from deploy.errors import InputError
+from planner.plan import Move, Plan, Recharge, Visit
+from planner.problem import Problem
+from planner.roads import Roads
+from planner.solve import Params, Stop, solve
+
+DEFAULT_TIME_S = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """What is to be planned, and what the file says about how."""
+
+    problem: Problem
+    stop: Stop
+    seed: int
+    params: Params
+    name: str
+    roads: Roads | None = None
+    drawing: MapDrawing | None = None
+
+
+def plan(
+    file: Path, *, planner: str | None, time_s: float | None, seed: int | None, out: Path | None, as_json: bool
+) -> int:
+    """Plans ``file`` and writes the plan; 0 where it is feasible, else 1.
+
+    Raises:
+        InputError: a file or option is wrong.
+        PlannerError: likewise.
+    """
+    if time_s is not None and not (math.isfinite(time_s) and time_s > 0):
+        raise InputError(f"is {time_s:g}; give a number of seconds above 0", key="--time")
+    plan_file = out or (None if as_json else Path(f"{file.stem}.plan.json"))
+    if plan_file is not None:
+        if plan_file.resolve() == file.resolve():
+            raise InputError("is the input itself; give another file", key="--out")
+        _check_writable(plan_file)
+    task = _mission(file) if file.suffix.lower() in (".yaml", ".yml") else _problem(file)
+    stop = task.stop if time_s is None else Stop(time_s=time_s)
+    params = task.params if planner is None else Params(method=planner)
+    what = f"planning {task.name}" + (f" for {stop.time_s:g} s" if stop.time_s is not None else "")
+    with working(what, quiet=as_json):
+        result = solve(task.problem, stop, task.seed if seed is None else seed, params)
+    picture = None
+    if plan_file is not None:
+        picture = plan_file.with_suffix(".png")
+        try:
+            plan_file.write_text(json.dumps(finite(result.plan.to_json()), indent=1) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"cannot be written: {error.strerror}; give another --out", file=plan_file) from error
+        with working("drawing", quiet=as_json):
+            _draw(picture, task, result.plan)
+    if as_json:
+        print_json(result.plan.to_json())
+    else:
+        _show(task, result.plan, plan_file, picture)
+    if not result.plan.feasible:
+        print(f"no feasible plan: {result.plan.schedule.violation}", file=sys.stderr)
+    return DONE if result.plan.feasible else FAILED
+
+
+def _check_writable(path: Path) -> None:
+    """Says before minutes of planning what would fail after them."""
+    if path.is_dir():
+        raise InputError("is a folder; give a file", file=path, key="--out")
+    existed = path.exists()
+    try:
+        path.open("ab").close()
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror}; give another --out", file=path) from error
+    if not existed:
+        path.unlink()
+
+
+def _problem(file: Path) -> _Task:
+    return _Task(Problem.read(file), Stop(time_s=DEFAULT_TIME_S), 0, Params(), file.stem)
+
+
+def _mission(file: Path) -> _Task:
+    from deploy.map_drawing import drawing_of  # noqa: PLC0415  (a problem file needs no map)
+    from deploy.mission import load  # noqa: PLC0415
+    from deploy.planning_settings import first_plan  # noqa: PLC0415
+
+    mission = load(file)
+    stop, seed, params = first_plan(mission)
+    return _Task(mission.problem, stop, seed, params, mission.name, mission.roads, drawing_of(mission.geometry))
+
+
+def _draw(picture: Path, task: _Task, made: Plan) -> None:
+    from deploy.pictures import plan_picture  # noqa: PLC0415  (matplotlib takes half a second to load)
+
+    plan_picture(task.problem, made, picture, task.roads, task.drawing)
+
+
+def _show(task: _Task, made: Plan, plan_file: Path | None, picture: Path | None) -> None:
+    counts = Counter(type(action) for action in made.actions)
+    rows = [
+        ("plan", "feasible" if made.feasible else "not feasible"),
+        ("makespan", duration_text(made.makespan_s)),
+        ("tasks", f"{counts[Visit]} of {int((~task.problem.visited).sum())}"),
+        ("recharges, drives", f"{counts[Recharge]}, {counts[Move]}"),
+        (
+            "energy of UAVs, UGVs",
+            f"{made.schedule.uav_energy_j / 1e6:.2f} MJ, {made.schedule.ugv_energy_j / 1e6:.2f} MJ",
+        ),
+        ("waiting", duration_text(made.schedule.waiting_s)),
+        ("method", f"{made.method}, {made.planning_s or 0.0:.1f} s"),
+        ("plan file", str(plan_file)),
+        ("picture", str(picture)),
+    ]
+    show_rows(rows)
