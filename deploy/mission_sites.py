@@ -1,0 +1,193 @@
+"""Depot, path points and tasks of a mission, moved onto the roads and checked one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from deploy.frames import Frame
+from deploy.maps import Array, LoadedMap, Source, Ways
+from deploy.mission_model import MissionConfig
+from deploy.mission_points import draw_tasks, place_path_points, read_points, resolve
+from deploy.mission_slots import Slots
+from deploy.yaml_file import Document, KeyPath
+
+
+@dataclass(frozen=True, eq=False)
+class Sites:
+    """Where things are.
+
+    Attributes:
+        ways: roads between path points and, last, the depot.
+        tasks: (n_tasks, 2) in world m.
+        task_names: as the file names them, else their numbers.
+        sources: files read.
+    """
+
+    ways: Ways
+    tasks: Array
+    task_names: tuple[str, ...]
+    sources: tuple[Source, ...]
+
+
+Region = Callable[[float], shapely.Geometry]
+
+
+@dataclass(frozen=True, eq=False)
+class SiteMaker:
+    """What is needed to find the sites; ``region(margin)`` is where things with that margin (arena m) may be."""
+
+    config: MissionConfig
+    document: Document
+    map_: LoadedMap
+    frame: Frame
+    slots: Slots
+    region: Region
+
+    def make(self) -> Sites:
+        """All sites.
+
+        Raises:
+            InputError: naming the point that cannot be, why, and the remedy.
+        """
+        metric = self.config.map.coordinates == "metric" or self.map_.project is None
+        depot = resolve([self.config.depot], self.map_, self.document.path, "depot")
+        ways = self.map_.make_ways(depot)
+        self._check_site(depot[0], ways.sites[0], ("depot",), "the depot")
+        points, point_source, point_keys = self._path_points(ways, metric)
+        ways = ways.with_sites(np.vstack([points, depot]))
+        for i, (given, snapped) in enumerate(zip(points, ways.sites[:-1], strict=True)):
+            self._check_site(given, snapped, point_keys(i), f"path point {i}")
+            if not np.isfinite(ways.distance_m[i, -1]):
+                what = f"path point {i} at {_at(given)} cannot be reached by road from the depot; move it or join the roads"
+                raise self.document.error(what, point_keys(i))
+        self._check_spacing(ways.sites, point_keys)
+        tasks, names, task_source, task_keys = self._tasks(ways.sites, metric)
+        self._check_tasks(tasks, names, ways.sites, task_keys)
+        return Sites(ways, tasks, names, tuple(s for s in (point_source, task_source) if s is not None))
+
+    def _file(self, name: str) -> Path:
+        return self.document.path.parent / name
+
+    def _path_points(self, ways: Ways, metric: bool) -> tuple[Array, Source | None, Callable[[int], KeyPath]]:
+        section = self.config.path_points
+        if section.points is not None:
+            points = resolve(section.points, self.map_, self.document.path, "path_points.points")
+            return points, None, lambda i: ("path_points", "points", i)
+        if section.file is not None:
+            points, _, source = read_points(self._file(section.file), "path_points", self.map_, metric)
+            return points, source, lambda _: ("path_points", "file")
+        assert section.place is not None
+        region = self.region(self.slots.reach_m)
+        if region.is_empty:
+            what = f"no site has {self.slots.reach_m:.3g} m of room for all vehicles inside the geofence; enlarge it"
+            raise self.document.error(what, ("path_points", "place"))
+        x0, y0, x1, y1 = region.bounds
+        candidates = ways.places(max(x1 - x0, y1 - y0) / 60)
+        candidates = candidates[shapely.contains_xy(region, candidates[:, 0], candidates[:, 1])]
+        reached = [bool(np.isfinite(ways.distances_from((float(x), float(y)))[0])) for x, y in candidates]
+        candidates = candidates[np.array(reached, dtype=np.bool_)]
+        separation = self.config.separation
+        spacing = (2 * self.slots.reach_m + separation.horizontal_m + separation.buffer_m) / self.frame.scale
+        candidates = candidates[np.hypot(*(candidates - ways.sites[0]).T) >= spacing]
+        try:
+            points = place_path_points(section.place, candidates, region, spacing)
+        except ValueError as error:
+            raise self.document.error(f"{error}; place fewer", ("path_points", "place")) from None
+        return points, None, lambda _: ("path_points", "place")
+
+    def _tasks(
+        self, sites: Array, metric: bool
+    ) -> tuple[Array, tuple[str, ...], Source | None, Callable[[int], KeyPath]]:
+        section = self.config.tasks
+        if section.points is not None:
+            tasks = resolve(section.points, self.map_, self.document.path, "tasks.points")
+            return tasks, _numbers(tasks), None, lambda i: ("tasks", "points", i)
+        if section.file is not None:
+            tasks, names, source = read_points(self._file(section.file), "tasks", self.map_, metric)
+            return tasks, names, source, lambda _: ("tasks", "file")
+        assert section.random is not None
+        region = self.region(0.0)
+        if region.is_empty:
+            raise self.document.error("the map and the geofence have nothing in common; check arena", ("tasks", "random"))
+        seed = section.random.seed if section.random.seed is not None else self.config.seed
+        try:
+            tasks = draw_tasks(section.random.count, seed, region, sites, section.max_distance_m)
+        except ValueError as error:
+            raise self.document.error(f"{error}; draw fewer or allow more", ("tasks", "random")) from None
+        return tasks, _numbers(tasks), None, lambda _: ("tasks", "random")
+
+    def _check_site(self, given: Array, snapped: Array, key: KeyPath, what: str) -> None:
+        limit = self.config.map.max_offset_m
+        x0, y0, x1, y1 = self.map_.geometry.bounds
+        if not (x0 <= given[0] <= x1 and y0 <= given[1] <= y1):
+            box = f"x {x0:g} to {x1:g} m, y {y0:g} to {y1:g} m"
+            raise self.document.error(f"{what} at {_at(given)} is outside the map ({box}); move it", key)
+        away = float(np.hypot(*(snapped - given)))
+        if away > limit:
+            text = f"{what} at {_at(given)} is {away:.4g} m from the nearest road, map.max_offset_m allows {limit:g} m"
+            raise self.document.error(f"{text}; move it to a road", key)
+        if not shapely.covers(self.region(self.slots.reach_m), shapely.Point(snapped)):
+            text = (
+                f"{what} at {_at(given)} lies outside the geofence or too close to it: landing and stopping places reach "
+                f"{self.slots.reach_m:.3g} m (arena) around it, inside arena.soft_margin_m; move it or enlarge the geofence"
+            )
+            raise self.document.error(text, key)
+
+    def _check_spacing(self, sites: Array, keys: Callable[[int], KeyPath]) -> None:
+        """Vehicles in their places at different sites must be apart as at one site."""
+        separation = self.config.separation
+        scale = self.frame.scale
+        least = separation.horizontal_m + separation.buffer_m
+        reach = (2 * self.slots.reach_m + max(least, separation.ugv_m)) / scale
+        apart = np.hypot(*(sites[:, None] - sites[None]).transpose(2, 0, 1))
+        for i, j in zip(*np.nonzero(np.triu(apart < reach, 1)), strict=True):
+            a, b = (np.array(self.frame.to_arena((float(x), float(y)))) for x, y in (sites[i], sites[j]))
+            for slots, limit in ((self.slots.pads, least), (self.slots.parks, separation.ugv_m)):
+                pairs = [(p, q) for (n, p), (m, q) in product(enumerate(slots), repeat=2) if n != m]
+                gaps = [float(np.hypot(*(b + q - a - p))) for p, q in pairs]
+                if (gaps and min(gaps) < limit - 1e-9) or apart[i, j] < 1e-6:
+                    other = "the depot" if j == len(sites) - 1 else f"path point {j}"
+                    text = (
+                        f"path point {i} at {_at(sites[i])} is {apart[i, j]:.4g} m (world) from {other}, so vehicles at both "
+                        f"would be closer than {limit:g} m (arena); move or remove one"
+                    )
+                    raise self.document.error(text, keys(int(i)))
+
+    def _check_tasks(
+        self, tasks: Array, names: tuple[str, ...], sites: Array, keys: Callable[[int], KeyPath]
+    ) -> None:
+        x0, y0, x1, y1 = self.map_.geometry.bounds
+        outside = (tasks[:, 0] < x0) | (tasks[:, 0] > x1) | (tasks[:, 1] < y0) | (tasks[:, 1] > y1)
+        if outside.any():
+            i = int(np.argmax(outside))
+            box = f"x {x0:g} to {x1:g} m, y {y0:g} to {y1:g} m"
+            raise self.document.error(f"task {names[i]} at {_at(tasks[i])} is outside the map ({box}); move it", keys(i))
+        inside = shapely.intersects_xy(self.region(0.0), tasks[:, 0], tasks[:, 1])
+        if not inside.all():
+            i = int(np.argmin(inside))
+            text = f"task {names[i]} at {_at(tasks[i])} is outside the geofence or within its soft margin; move it"
+            raise self.document.error(text, keys(i))
+        limit = self.config.tasks.max_distance_m
+        if limit is not None:
+            away = np.hypot(*(tasks[:, None] - sites[None]).transpose(2, 0, 1)).min(axis=1)
+            if (away > limit).any():
+                i = int(np.argmax(away))
+                text = (
+                    f"task {names[i]} at {_at(tasks[i])} is {away[i]:.5g} m from the nearest path point or the depot, "
+                    f"tasks.max_distance_m allows {limit:g} m; move it or add a path point"
+                )
+                raise self.document.error(text, keys(i))
+
+
+def _numbers(tasks: Array) -> tuple[str, ...]:
+    return tuple(str(i) for i in range(len(tasks)))
+
+
+def _at(point: Array) -> str:
+    return f"({point[0]:.10g}, {point[1]:.10g})"
