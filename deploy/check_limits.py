@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Annotated
 
 from annotated_types import Ge, Gt, Le
@@ -41,8 +41,7 @@ class Uncertainty:
     charge: Spread = 0.05
     """Per recharge: factor of the charging time."""
     departure_s: NotNegative = 2.0
-    """Median delay before each departure: confirmations, arming. A UAV spends it on its pad or dock, or hovering
-    after a task."""
+    """Median delay before each departure from pad or dock (a UGV: from standstill): confirmations, arming."""
     docking_s: NotNegative = 5.0
     """Median time lost in each docking, hovering: alignment, second attempts."""
     delay_sigma: Annotated[float, Ge(0), Le(2)] = 0.8
@@ -74,50 +73,46 @@ CERTAIN = Uncertainty(
 
 @dataclass(frozen=True, slots=True)
 class CheckLimits:
-    """Limits of the checks. Shares of energy are of the vehicle's capacity, above its reserve."""
+    """Limits of the checks."""
 
-    validity_s: Positive = 900.0
-    """A result is void after this wall-clock time: batteries discharge and vehicles get moved."""
+    energy_margin_warn: Fraction = 0.05
+    """Least energy above reserve, as a share of capacity, at every rendezvous, landing and of every UGV: below is a
+    warning (the paper's UAV hovers 63 s on 5 %)."""
+    energy_margin_fail: Fraction = 0.0
+    """Below this the check fails. The reserve itself covers errors, so the default asks for no more than it."""
+    success_probability_warn: Fraction = 0.90
+    """Estimated probability that the plan ends in time with no battery empty and no replan made: below is a warning."""
+    success_probability_fail: Fraction = 0.50
+    """Below this the check fails: bringing everybody home would depend on replanning."""
+    reserve_probability_warn: Fraction = 0.50
+    """The same with no UAV below its reserve: below is a warning, never a failure, for the reserve is there to be used
+    when something goes wrong, and replans mend it."""
     makespan_limit_s: Annotated[float, Gt(0)] | None = None
     """Latest allowed end of the last visit, mission s; null for no limit."""
-    rendezvous_warn: Fraction = 0.05
-    """Energy at docking above reserve: a warning below this share (63 s of hovering for the paper's UAV) ..."""
-    rendezvous_fail: Fraction = 0.0
-    """... and a failure below this. The reserve itself covers errors, so the default asks for no more than it."""
-    recovery_warn: Fraction = 0.05
-    """Energy at the landing after the last action: a warning below this share ..."""
-    recovery_fail: Fraction = 0.0
-    """... and a failure below this."""
-    ugv_warn: Fraction = 0.10
-    """Energy of a UGV at its last action's end: a warning below this share ..."""
-    ugv_fail: Fraction = 0.0
-    """... and a failure below this."""
     slack_warn_s: NotNegative = 30.0
-    """Least time by which any UAV may be late at a rendezvous before it falls below reserve, mission s."""
-    success_warn: Fraction = 0.90
-    """Estimated probability that the plan ends in time with no battery empty, no replan made: a warning below ..."""
-    success_fail: Fraction = 0.50
-    """... and a failure below this: bringing everybody home would depend on replanning."""
-    reserve_warn: Fraction = 0.50
-    """The same with no battery below its reserve: a warning below, never a failure, for that is what replans
-    mend and what the reserve is for."""
-    samples: Annotated[int, Ge(100), Le(100_000)] = 1000
-    """Monte Carlo samples: 1,000 give the probability to 3 points."""
+    """Least time by which any UAV may be kept waiting at a rendezvous before it falls below reserve, mission s."""
     battery_warn: Fraction = 0.95
-    """Measured charge before take-off, as a share of what the plan starts with: a warning below ..."""
+    """Measured charge before take-off, as a share of what the plan starts with: below is a warning."""
     battery_fail: Fraction = 0.80
-    """... and a failure below this."""
-    placement_m: Positive = 5.0
-    """Furthest a vehicle may stand from where the plan starts it, arena m."""
-    pose_age_s: Positive = 0.5
-    """Oldest pose that counts as fresh, arena s."""
+    """Below this the check fails."""
+    samples: Annotated[int, Ge(10), Le(100_000)] = 1000
+    """Of the Monte Carlo estimate: 1,000 give the probability to 3 points."""
+    validity_s: Positive = 600.0
+    """Results expire after this wall-clock time, s: batteries discharge and vehicles get moved."""
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     """What the Monte Carlo draws."""
 
     def __post_init__(self) -> None:
-        for name in ("rendezvous", "recovery", "ugv", "success", "battery"):
+        for name in ("energy_margin", "success_probability", "battery"):
             warn, fail = getattr(self, f"{name}_warn"), getattr(self, f"{name}_fail")
             if fail > warn:
                 raise ValueError(
-                    f"{name}_fail is {fail}, above {name}_warn ({warn}); failing must be worse than warning"
+                    f"{name}_fail ({fail:g}) is above {name}_warn ({warn:g}); a failure is worse than a warning"
                 )
+
+
+def limits_of(section: object) -> CheckLimits:
+    """The limits that a mission's ``checks`` section gives; keys that it does not know keep their defaults."""
+    if isinstance(section, CheckLimits):
+        return section
+    return CheckLimits(**{f.name: getattr(section, f.name) for f in fields(CheckLimits) if hasattr(section, f.name)})

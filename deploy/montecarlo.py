@@ -39,15 +39,16 @@ class Overheads:
     """What flying adds to the schedule's straight lines at cruise speed; mission s, one value per vehicle.
 
     Attributes:
-        leg_s: per UAV, braking and accelerating in each flight.
-        up_s: per UAV, climbing to its layer from the ground or a dock, at hover power.
-        down_s: per UAV, descending to a dock or a landing place, at hover power.
+        leg_s: per UAV, braking and accelerating in each flight to a task, in time and at cruise power.
+        down_s: per UAV, how long within ``dock_s`` it hovers down to the dock; the schedule has the time, not the
+            energy. The landing at the end costs the same.
+        up_s: per UAV, how long within ``undock_s`` it climbs; likewise.
         drive_s: per UGV, braking and accelerating in each drive.
     """
 
     leg_s: tuple[float, ...]
-    up_s: tuple[float, ...]
     down_s: tuple[float, ...]
+    up_s: tuple[float, ...]
     drive_s: tuple[float, ...]
 
 
@@ -178,7 +179,7 @@ def simulate(
     """
     a = arrays_of(problem)
     acts = encode(problem, actions)
-    legs, drives, down, on_pad = _geometry(problem, actions)
+    legs, drives, first, on_pad = _geometry(problem, actions)
     n, n_uavs, n_ugvs = len(acts), len(a.uavs), len(a.ugvs)
     o = overheads or Overheads((0.0,) * n_uavs, (0.0,) * n_uavs, (0.0,) * n_uavs, (0.0,) * n_ugvs)
     rng = np.random.default_rng([seed, 0x3C])
@@ -195,12 +196,12 @@ def simulate(
         acts,
         legs,
         drives,
-        down,
+        first,
         on_pad,
         a.uavs,
         a.ugvs,
         a.docks0,
-        np.array([o.leg_s, o.up_s, o.down_s], dtype=np.float64).T.copy(),
+        np.array([o.leg_s, o.down_s, o.up_s], dtype=np.float64).T.copy(),
         np.array(o.drive_s, dtype=np.float64),
         np.array(
             [
@@ -224,7 +225,7 @@ def simulate(
         rng.standard_normal((2, samples, n_uavs)),
         rng.standard_normal((2, samples, n_ugvs)),
         rng.standard_normal((2, samples)),
-        rng.standard_normal((4, samples, n + n_uavs)),
+        rng.standard_normal((5, samples, n + n_uavs)),
         rng.random((samples, n)),
         rng.standard_normal((samples, n)),
         math.inf if makespan_limit_s is None else makespan_limit_s,
@@ -295,17 +296,17 @@ def _geometry(
     n_tasks, n_sites = problem.n_tasks, problem.depot_index + 1
     place = np.concatenate([problem.tasks, problem.sites, np.array([u.position for u in problem.uavs])])
     node = [n_tasks + n_sites + u for u in range(len(problem.uavs))]
-    on_ground = [True] * len(problem.uavs)
+    fresh = [True] * len(problem.uavs)
     site = a.site0.tolist()
     n = len(actions)
     legs, drives = np.zeros((n + len(node), 3)), np.zeros(n)
-    down, on_pad = np.zeros(n + len(node), np.uint8), np.zeros(len(node), np.uint8)
+    first, on_pad = np.zeros(n + len(node), np.uint8), np.zeros(len(node), np.uint8)
 
     def fly(row: int, uav: int, to: int, metres: float) -> None:
         legs[row, 0] = metres
         if metres > 0:
             legs[row, 1:] = (place[to] - place[node[uav]]) / metres
-        down[row] = on_ground[uav]
+        first[row] = fresh[uav]
 
     for i, act in enumerate(actions):
         if isinstance(act, Move):
@@ -322,13 +323,13 @@ def _geometry(
         to = act.task if isinstance(act, Visit) else n_tasks + site[act.ugv]
         fly(i, act.uav, to, float(a.dist[node[act.uav], to]))
         node[act.uav] = to
-        on_ground[act.uav] = isinstance(act, Recharge)
+        fresh[act.uav] = False
     for u in range(len(node)):
         metres = float(a.near[node[u]])
         fly(n + u, u, n_tasks + int(a.near_site[node[u]]), metres)
         # As in the planner: a UAV that never left its place near a site has no recovery to fly.
         on_pad[u] = node[u] >= n_tasks + n_sites and metres <= AT_SITE_M
-    return legs, drives, down, on_pad
+    return legs, drives, first, on_pad
 
 
 def _site(path_point: int | None) -> str:

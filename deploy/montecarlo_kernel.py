@@ -39,10 +39,10 @@ EPS_J = 1e-6
     STALL_S,
     STALL_SIGMA,
 ) = range(15)
-# layers of `z_act`, (4, S, n + U): standard normals per action and, behind them, per recovery
-Z_SPEED, Z_CHARGE, Z_DEPART, Z_DOCK = range(4)
+# layers of `z_act`, (5, S, n + U): standard normals per action and, behind them, per recovery
+Z_SPEED, Z_CHARGE, Z_DEPART, Z_DOCK, Z_LEAVE = range(5)
 # columns of `over`, (U, 3)
-OVER_LEG, OVER_UP, OVER_DOWN = range(3)
+OVER_LEG, OVER_DOWN, OVER_UP = range(3)
 # first failure of a sample: an action's index, else n + ...
 NO_FAILURE = -1
 
@@ -78,12 +78,12 @@ def propagate(
     acts: Ints,  # (n,), as planner.kernel packs them
     legs: Floats,  # (n + U, 3) metres and unit vector of each flight; behind the actions the recoveries
     drives: Floats,  # (n,) metres of each drive
-    down: NDArray[np.uint8],  # (n + U,) 1 where the flight starts from the ground or a dock
+    first: NDArray[np.uint8],  # (n + U,) 1 where the flight is the UAV's first, from its pad
     on_pad: NDArray[np.uint8],  # (U,) 1 where the last stop is a landing place already: no recovery flight
     uavs: Floats,
     ugvs: Floats,
     docks0: Floats,
-    over: Floats,  # (U, 3) s per leg, take-off and landing beyond the schedule
+    over: Floats,  # (U, 3) s per flight to a task; s of hovering within each docking and each leaving
     drive_over: Floats,  # (G,) s per drive beyond the schedule
     par: Floats,
     z_uav: Floats,  # (2, S, U) speed, drain
@@ -160,9 +160,8 @@ def propagate(
                 drain = _factor(par[DRAIN], z_uav[1, s, v])
                 hover_w = uavs[v, k.U_HOVER] * drain
                 start, energy = us[v, 0], us[v, 1]
-                if down[i] == 1:
-                    start += par[DEPARTURE_S] * math.exp(par[DELAY_SIGMA] * z_act[Z_DEPART, s, i]) + over[v, OVER_UP]
-                    energy -= hover_w * over[v, OVER_UP]
+                if first[i] == 1:
+                    start += par[DEPARTURE_S] * math.exp(par[DELAY_SIGMA] * z_act[Z_DEPART, s, i])
                 fly, power = _leg(
                     legs[i, 0],
                     legs[i, 1],
@@ -172,7 +171,7 @@ def propagate(
                     par[GUST] * z_act[Z_SPEED, s, i],
                     uavs[v, k.U_SPEED],
                     _factor(par[UAV_SPEED], z_uav[0, s, v]),
-                    over[v, OVER_LEG],
+                    over[v, OVER_LEG] if kind == k.VISIT else 0.0,
                     par[WIND_POWER],
                 )
                 arrive = start + fly
@@ -190,19 +189,21 @@ def propagate(
                             d = j
                     work = max(arrive, gs[g, 0], docks[g, d])
                     energy -= uavs[v, k.U_WAIT] * drain * (work - arrive)
-                    align = par[DOCKING_S] * math.exp(par[DELAY_SIGMA] * z_act[Z_DOCK, s, i]) + over[v, OVER_DOWN]
-                    energy -= hover_w * align
+                    align = par[DOCKING_S] * math.exp(par[DELAY_SIGMA] * z_act[Z_DOCK, s, i])
+                    energy -= hover_w * (align + over[v, OVER_DOWN])
                     at, e_low = work + align, energy
                     given = max(0.0, uavs[v, k.U_CAPACITY] - energy)
                     charge = ugvs[g, k.G_CHARGE_S]
                     if ugvs[g, k.G_CHARGE_W] > 0.0:
                         charge = given / ugvs[g, k.G_CHARGE_W]
                     charge *= _factor(par[CHARGE], z_act[Z_CHARGE, s, i])
-                    t1 = at + ugvs[g, k.G_DOCK] + charge + ugvs[g, k.G_UNDOCK]
+                    # It blocks dock and UGV until it has really left.
+                    leave = par[DEPARTURE_S] * math.exp(par[DELAY_SIGMA] * z_act[Z_LEAVE, s, i])
+                    t1 = at + ugvs[g, k.G_DOCK] + charge + ugvs[g, k.G_UNDOCK] + leave
                     docks[g, d] = t1
                     gs[g, 1] = max(gs[g, 1], t1)
                     gs[g, 3] += given
-                    energy += given
+                    energy += given - hover_w * over[v, OVER_UP]
                     stand = max(0.0, t1 - ugvs[g, k.G_READY] - gs[g, 2])
                     watts = ugvs[g, k.G_DRIVE] * _factor(par[UGV_DRAIN], z_ugv[1, s, g])
                     rest = ugvs[g, k.G_ENERGY] - watts * gs[g, 2] - ugvs[g, k.G_IDLE] * stand - gs[g, 3]
@@ -229,9 +230,6 @@ def propagate(
             hover_w = uavs[u, k.U_HOVER] * drain
             t1, energy = us[u, 0], us[u, 1]
             if legs[i, 0] > 0.0:
-                if down[i] == 1:
-                    t1 += par[DEPARTURE_S] * math.exp(par[DELAY_SIGMA] * z_act[Z_DEPART, s, i]) + over[u, OVER_UP]
-                    energy -= hover_w * over[u, OVER_UP]
                 fly, power = _leg(
                     legs[i, 0],
                     legs[i, 1],
@@ -241,13 +239,12 @@ def propagate(
                     par[GUST] * z_act[Z_SPEED, s, i],
                     uavs[u, k.U_SPEED],
                     _factor(par[UAV_SPEED], z_uav[0, s, u]),
-                    over[u, OVER_LEG],
+                    0.0,
                     par[WIND_POWER],
                 )
                 t1 += fly
                 energy -= uavs[u, k.U_CRUISE] * drain * power * fly
-            if down[i] == 0:
-                energy -= hover_w * over[u, OVER_DOWN]
+            energy -= hover_w * over[u, OVER_DOWN]
             land[s, u] = energy
             if energy < -EPS_J and t1 < zero_t:
                 zero_t, zero_i = t1, i

@@ -238,16 +238,23 @@ def test_charging_times_vary() -> None:
 
 
 def test_overheads_add_time_and_hover_energy() -> None:
-    over = Overheads(leg_s=(5.0,), up_s=(10.0,), down_s=(8.0,), drive_s=(3.0,))
+    over = Overheads(leg_s=(5.0,), down_s=(8.0,), up_s=(10.0,), drive_s=(3.0,))
     plan: tuple[Action, ...] = (Visit(0, 0), Move(0, 0), Recharge(0, 0), Visit(0, 1))
     drawn = simulate(line_problem(), plan, CERTAIN, samples=100, overheads=over)
-    assert drawn.end_s[0, 0] == pytest.approx(10 + 200 + 5)
-    assert drawn.low_j[0, 0] == pytest.approx(120e3 - 230 * 10 - 200 * 205)
-    docked = 3000 / 4.5 + 3 + 8
-    assert drawn.low_j[0, 2] == pytest.approx(120e3 - 230 * 18 - 200 * 310)
-    assert drawn.end_s[0, 3] == pytest.approx(docked + 300 + 10 + 105)
-    # home: to path point 0, 1 km back
-    assert drawn.land_j[0, 0] == pytest.approx(120e3 - 230 * 18 - 200 * 210)
+    assert drawn.end_s[0, 0] == pytest.approx(200 + 5)
+    assert drawn.low_j[0, 0] == pytest.approx(120e3 - 200 * 205)
+    docked = 3000 / 4.5 + 3
+    assert drawn.low_j[0, 2] == pytest.approx(120e3 - 200 * 305 - 230 * 8)
+    assert drawn.end_s[0, 3] == pytest.approx(docked + 300 + 105)
+    # full, climbed, flown, then home to path point 0, 1 km back, and down
+    assert drawn.land_j[0, 0] == pytest.approx(120e3 - 230 * 10 - 200 * 105 - 200 * 100 - 230 * 8)
+
+
+def test_a_uav_that_leaves_late_keeps_its_dock_and_its_ugv() -> None:
+    plan: tuple[Action, ...] = (Recharge(0, 0), Move(0, 0))
+    drawn = simulate(line_problem(), plan, replace(CERTAIN, departure_s=30.0, delay_sigma=0.0), samples=10)
+    # 30 s before flying, 300 s of charging, 30 s before leaving, then 30 s before the UGV drives
+    assert drawn.end_s[0] == pytest.approx([360.0, 390.0 + 3000 / 4.5])
 
 
 def test_impossible_plans_are_errors() -> None:
