@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import random
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -37,8 +38,8 @@ POINTS = [
 DEPOT = (5000.0, 300.0)
 FIRST: tuple[Action, ...] = (
     Move(0, 0), Move(1, 5), Visit(0, 0), Visit(1, 8), Visit(0, 1), Visit(1, 10), Recharge(0, 0), Recharge(1, 1),
-    Move(0, 2), Move(1, 6), Visit(0, 2), Visit(1, 9), Visit(0, 3), Visit(1, 11), Visit(0, 5), Visit(1, 12), Recharge(0, 0),
-    Recharge(1, 1), Visit(0, 4), Visit(1, 14), Visit(0, 6), Visit(1, 13), Visit(1, 7),
+    Move(0, 2), Move(1, 6), Visit(0, 2), Visit(1, 9), Visit(0, 3), Visit(1, 11), Visit(0, 5), Visit(1, 12),
+    Recharge(0, 0), Recharge(1, 1), Visit(0, 4), Visit(1, 14), Visit(0, 6), Visit(1, 13), Visit(1, 7),
 )  # fmt: skip
 SECOND = (
     *FIRST[:16],
@@ -81,7 +82,8 @@ def problem() -> Problem:
     )
 
 
-def settings(frame: Frame = Frame()) -> Settings:
+def settings(frame: Frame | None = None) -> Settings:
+    frame = frame or Frame()
     s = frame.scale
     fence = tuple(frame.to_arena(p) for p in ((-200, -200), (10200, -200), (10200, 10200), (-200, 10200)))
     return Settings(
@@ -118,7 +120,7 @@ def drawing() -> MapDrawing:
 
 @dataclass(frozen=True)
 class Piece:
-    """What one vehicle does from ``start`` to ``end`` (s), along ``path``; energies at its ends; the action it is of."""
+    """What one vehicle does from ``start`` to ``end`` (s) along ``path``, its energies at both, its action."""
 
     start: float
     end: float
@@ -130,10 +132,10 @@ class Piece:
 
     def at(self, t: float) -> tuple[tuple[float, float], float]:
         share = 1.0 if self.end <= self.start else min(1.0, max(0.0, (t - self.start) / (self.end - self.start)))
-        lengths = [math.dist(a, b) for a, b in zip(self.path, self.path[1:], strict=False)]
+        lengths = [math.dist(a, b) for a, b in pairwise(self.path)]
         left = share * sum(lengths)
         energy = self.energy[0] + share * (self.energy[1] - self.energy[0])
-        for a, b, d in zip(self.path, self.path[1:], lengths, strict=False):
+        for (a, b), d in zip(pairwise(self.path), lengths, strict=True):
             if left <= d and d > 0:
                 return (a[0] + (b[0] - a[0]) * left / d, a[1] + (b[1] - a[1]) * left / d), energy
             left -= d
@@ -167,7 +169,7 @@ def carry_out(actions: tuple[Action, ...], late_s: dict[int, float]) -> dict[str
             case Move(g, point):
                 v = f"ugv{g}"
                 path = tuple(map(tuple, roads.route(place[v], point)))
-                seconds = sum(math.dist(a, b) for a, b in zip(path, path[1:], strict=False)) / UGV_SPEED + extra
+                seconds = sum(math.dist(a, b) for a, b in pairwise(path)) / UGV_SPEED + extra
                 add(v, seconds, path, "driving", f"to path point {point}", -2448 * seconds, i)
             case Recharge(u, g):
                 v, c = f"uav{u}", f"ugv{g}"
@@ -241,6 +243,8 @@ def write(recorder: Recorder, s: Settings, dt: float = 2.0, stop_s: float = math
             over = mission >= mine[-1].end
             phase = piece.phase if not over else ("down" if v.startswith("uav") else "parked")
             z = 0.0 if over or phase == "charging" or v not in altitude else altitude[v]
+            if v == "ugv1":
+                x += 5.0  # its own lane
             ax, ay = s.frame.to_arena((x, y))
             at = (ax, ay, z * s.frame.scale)
             poses.append(Pose(bodies[v], (at[0] + rng.gauss(0, 0.01), at[1], at[2]), 0.1, now))

@@ -1,0 +1,265 @@
+"""The report's charts over mission time: planned against actual, energy, altitude and distances."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import combinations
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
+
+from deploy.drawing import Array, vehicle_colours
+from deploy.pictures import FAINT, INK, RECHARGE, STYLE, new_figure
+from deploy.recording_read import Adopted
+from deploy.report_history import History, phase_spans
+from deploy.report_safety import both_airborne, pair_distance_m
+from deploy.state import AIRBORNE, UavPhase, UgvPhase
+from planner.plan import Move, Recharge, Visit
+
+WIDTH_IN = 11.4
+ALARM = "#C1121F"
+WAITING = "#C9C9C9"
+POINTS = 1500  # more than the page has pixels adds only bytes
+
+
+def gantt(history: History) -> Figure:
+    """Each vehicle's first plan (thin, pale) above what it did (thick), with task numbers and replans."""
+    with mpl.rc_context(STYLE):
+        n = len(history.ids)
+        figure = new_figure(WIDTH_IN, 1.1 + 0.62 * n)
+        axes = figure.add_subplot()
+        colours = vehicle_colours(history.settings.problem)
+        for v, name in enumerate(history.ids):
+            row = n - 1 - v
+            if history.plans:
+                for x0, x1, colour in _planned_bars(history, history.plans[0], v, colours[name]):
+                    axes.broken_barh([(x0, x1 - x0)], (row + 0.18, 0.17), facecolor=colour, alpha=0.5, lw=0)
+            for x0, x1, colour in _actual_bars(history, v, colours[name]):
+                axes.broken_barh([(x0, x1 - x0)], (row - 0.3, 0.42), facecolor=colour, edgecolor="white", lw=0.5)
+        _task_marks(axes, history)
+        end = max([float(history.mission_s.max(initial=0.0)), *(a.plan.makespan_s for a in history.plans[:1])]) / 60
+        axes.set_xlim(0, end * 1.01 or 1)
+        axes.set_ylim(-0.55, n - 0.4)
+        axes.set_yticks(range(n), history.ids[::-1])
+        axes.tick_params(axis="y", labelsize=10, labelcolor=INK)
+        _replans(axes, history, label=True)
+        if history.plans and np.isfinite(history.plans[0].plan.makespan_s):
+            axes.axvline(history.plans[0].plan.makespan_s / 60, color=INK, lw=1, ls=":")
+        _finish(axes)
+        axes.spines[["top", "right", "left"]].set_visible(False)
+        axes.set_xlabel("mission time, min")
+        handles = [
+            Patch(facecolor=FAINT, alpha=0.5, label="first plan (thin)"),
+            Patch(facecolor=FAINT, label="flown, driven (thick)"),
+            Patch(facecolor=WAITING, label="waiting"),
+            Patch(facecolor=RECHARGE, label="charging"),
+            Line2D([], [], color=INK, lw=1, ls=":", label="first plan's makespan"),
+        ]
+        if len(history.plans) > 1:
+            handles.append(Line2D([], [], color=ALARM, lw=1.1, ls="--", label="replan"))
+        figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False, fontsize=8.5)
+    return figure
+
+
+def energy(history: History) -> Figure:
+    """Energy of each UAV with its reserve, its recharges and the first plan's prediction."""
+    with mpl.rc_context(STYLE):
+        n = history.n_uavs
+        columns = 1 if n <= 4 else 2
+        rows = -(-n // columns)
+        figure = new_figure(WIDTH_IN, 0.9 + 1.45 * rows)
+        grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+        colours = vehicle_colours(history.settings.problem)
+        t, keep = history.mission_s / 60, _spread(len(history.mission_s))
+        for u, uav in enumerate(history.settings.problem.uavs):
+            axes: Axes = grid[u // columns, u % columns]
+            for span in phase_spans(history, u, UavPhase.CHARGING):
+                axes.axvspan(span.start_s / 60, span.end_s / 60, color=RECHARGE, alpha=0.22, lw=0)
+            for adopted in history.plans[:1]:
+                axes.plot(*_planned_energy(adopted, u, uav.energy_j), color=FAINT, lw=1.1, ls=(0, (4, 2.5)))
+            axes.plot(t[keep], history.energy_j[keep, u] / 1000, color=colours[uav.id], lw=1.8)
+            axes.axhline(uav.reserve_j / 1000, color=ALARM, lw=1.0)
+            axes.set_ylim(0, uav.capacity_j / 1000 * 1.08)
+            axes.set_xlim(0, float(t.max(initial=1.0)) * 1.01)
+            _replans(axes, history)
+            _finish(axes)
+            axes.set_ylabel("energy, kJ")
+            _name(axes, uav.id, colours[uav.id])
+        for axes in grid[-1]:
+            axes.set_xlabel("mission time, min")
+        for u in range(n, rows * columns):
+            grid[u // columns, u % columns].set_visible(False)
+        handles = [
+            Line2D([], [], color=FAINT, lw=1.8, label="energy"),
+            Line2D([], [], color=FAINT, lw=1.1, ls=(0, (4, 2.5)), label="first plan"),
+            Line2D([], [], color=ALARM, lw=1.0, label="reserve"),
+            Patch(facecolor=RECHARGE, alpha=0.3, label="charging"),
+        ]
+        figure.legend(handles=handles, loc="outside lower center", ncols=5, frameon=False, fontsize=8.5)
+    return figure
+
+
+def flight(history: History) -> Figure:
+    """Altitude of every UAV under the ceiling and, below it, how close the nearest two in the air were."""
+    with mpl.rc_context(STYLE):
+        pairs = list(combinations(range(history.n_uavs), 2))
+        figure = new_figure(WIDTH_IN, 3.9 if pairs else 2.3)
+        grid = figure.subplots(2 if pairs else 1, 1, sharex=True, squeeze=False)[:, 0]
+        t, keep = history.mission_s / 60, _spread(len(history.mission_s))
+        colours = vehicle_colours(history.settings.problem)
+        axes = grid[0]
+        for u, name in enumerate(history.ids[: history.n_uavs]):
+            axes.plot(t[keep], history.position_m[keep, u, 2], color=colours[name], lw=1.5, label=name)
+        ceiling = history.settings.geofence.ceiling_m
+        axes.axhline(ceiling, color=ALARM, lw=1.0, label="ceiling")
+        axes.set_ylim(0, ceiling * 1.15)
+        axes.set_ylabel("altitude, m")
+        if pairs and len(t):
+            axes = grid[1]
+            limits = history.settings.separation
+            flat, steep = _nearest(history, pairs)
+            axes.plot(
+                t[: len(flat)], flat, color="#5B6C8F", lw=1.4, label="horizontal distance of the nearest two in the air"
+            )
+            axes.scatter(t[: len(steep)], steep, s=7, color=INK, zorder=4, label="of these on one level (downwash)")
+            axes.axhline(limits.horizontal_m, color=ALARM, lw=1.0, label="least allowed on one level")
+            axes.set_yscale("log")
+            axes.set_ylim(bottom=limits.horizontal_m / 3)
+            axes.set_ylabel("distance, m")
+        for axes in grid:
+            axes.set_xlim(0, float(t.max(initial=1.0)) * 1.01)
+            _replans(axes, history)
+            _finish(axes)
+        grid[-1].set_xlabel("mission time, min")
+        figure.legend(loc="outside lower center", ncols=5, frameon=False, fontsize=8.5)
+    return figure
+
+
+def _nearest(history: History, pairs: Iterable[tuple[int, int]]) -> tuple[Array, Array]:
+    """Least horizontal distance of any two airborne UAVs per interval, and of those on one level; nan where none."""
+    limit = history.settings.separation.vertical_m
+    flat = np.full(max(1, len(history.mission_s) - 1), np.inf)
+    level = flat.copy()
+    for a, b in pairs:
+        distance, vertical = pair_distance_m(history, a, b)
+        distance = np.where(both_airborne(history, a, b), distance, np.inf)
+        flat = np.minimum(flat, distance)
+        level = np.minimum(level, np.where(vertical < limit, distance, np.inf))
+    for series in (flat, level):
+        series[~np.isfinite(series)] = np.nan
+    return flat, level
+
+
+def _planned_bars(history: History, adopted: Adopted, vehicle: int, colour: str) -> list[tuple[float, float, str]]:
+    """(start, end, colour) in min of what the plan wanted of one vehicle."""
+    bars = []
+    n, zero = history.n_uavs, adopted.zero_s
+    for row in adopted.plan.schedule.actions:
+        action = adopted.plan.actions[row.action]
+        start, arrive, work, end = ((zero + s) / 60 for s in (row.start_s, row.arrive_s, row.work_s, row.end_s))
+        match action:
+            case Visit(uav, _) if uav == vehicle:
+                bars.append((start, end, colour))
+            case Move(ugv, _) if ugv + n == vehicle:
+                bars.append((start, end, colour))
+            case Recharge(uav, ugv) if vehicle in (uav, ugv + n):
+                if uav == vehicle:
+                    bars += [(start, arrive, colour), (arrive, work, WAITING)]
+                bars.append((work, end, RECHARGE))
+    for last in adopted.plan.schedule.recovery:
+        if last.uav == vehicle:
+            bars.append(((zero + last.start_s) / 60, (zero + last.end_s) / 60, colour))
+    return [bar for bar in bars if np.isfinite(bar[:2]).all()]
+
+
+def _actual_bars(history: History, vehicle: int, colour: str) -> list[tuple[float, float, str]]:
+    """(start, end, colour) in min of what one vehicle did."""
+    of_phase = {str(phase): colour for phase in AIRBORNE} | {
+        str(UavPhase.WAITING): WAITING,
+        str(UavPhase.CHARGING): RECHARGE,
+        str(UgvPhase.DRIVING): colour,
+        str(UgvPhase.HOLDING): WAITING,
+    }
+    bars: list[tuple[float, float, str]] = []
+    for span in history.spans(vehicle):
+        tone = of_phase.get(span.phase)
+        if tone is not None and span.end_s > span.start_s:
+            bars.append((span.start_s / 60, span.end_s / 60, tone))
+    if vehicle >= history.n_uavs:
+        name = history.ids[vehicle]
+        for u in range(history.n_uavs):
+            charges = [s for s in phase_spans(history, u, UavPhase.CHARGING) if name in s.doing.split()]
+            bars += [(s.start_s / 60, s.end_s / 60, RECHARGE) for s in charges]
+    return bars
+
+
+def _task_marks(axes: Axes, history: History) -> None:
+    """Task numbers at the moments of the visits; those that would cover another are left out."""
+    room = float(history.mission_s.max(initial=60.0)) / 60 * 0.016
+    last: dict[str, float] = {}
+    for visit in history.visits:
+        if visit.uav is None:
+            continue
+        x, row = visit.time_s / 60, len(history.ids) - 1 - history.ids.index(visit.uav)
+        axes.plot([x, x], [row - 0.3, row + 0.12], color="white", lw=1.6)
+        if x - last.get(visit.uav, -1e9) < room:
+            continue
+        last[visit.uav] = x
+        axes.text(
+            x, row - 0.09, str(visit.task), ha="right", va="center", fontsize=7.5, color="white", weight="bold",
+            path_effects=[withStroke(linewidth=1.6, foreground=INK, alpha=0.55)],
+        )  # fmt: skip
+
+
+def _planned_energy(adopted: Adopted, uav: int, start_j: float) -> tuple[list[float], list[float]]:
+    times, joules = [adopted.zero_s], [start_j]
+    for row in adopted.plan.schedule.actions:
+        action = adopted.plan.actions[row.action]
+        if isinstance(action, Move) or action.uav != uav:
+            continue
+        times.append(adopted.zero_s + (row.work_s if isinstance(action, Recharge) else row.end_s))
+        joules.append(row.energy_arrive_j if isinstance(action, Recharge) else row.energy_end_j)
+        if isinstance(action, Recharge):
+            times.append(adopted.zero_s + row.end_s)
+            joules.append(row.energy_end_j)
+    for last in adopted.plan.schedule.recovery:
+        if last.uav == uav:
+            times.append(adopted.zero_s + last.end_s)
+            joules.append(last.energy_end_j)
+    return [s / 60 for s in times], [j / 1000 for j in joules]
+
+
+def _replans(axes: Axes, history: History, label: bool = False) -> None:
+    top = 1.0
+    for number, adopted in enumerate(history.plans[1:], start=1):
+        x = history.to_mission_s(adopted.time_s) / 60
+        axes.axvline(x, color=ALARM, lw=1.1, ls="--", zorder=0.5)
+        if label:
+            axes.annotate(
+                f"replan {number}", (x, top), xycoords=("data", "axes fraction"), xytext=(3, -2),
+                textcoords="offset points", va="top", fontsize=7.5, color=ALARM,
+                path_effects=[withStroke(linewidth=2, foreground="white")],
+            )  # fmt: skip
+
+
+def _name(axes: Axes, text: str, colour: str) -> None:
+    axes.text(
+        0.006, 0.06, text, transform=axes.transAxes, color=colour, weight="bold", fontsize=10,
+        path_effects=[withStroke(linewidth=2.5, foreground="white")],
+    )  # fmt: skip
+
+
+def _finish(axes: Axes) -> None:
+    axes.grid(axis="x", color="#EDEDED", lw=0.8)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(length=0)
+
+
+def _spread(n: int) -> list[int]:
+    """At most ``POINTS`` indices, evenly over n, both ends included."""
+    return sorted({round(i) for i in np.linspace(0, max(0, n - 1), min(n, POINTS)).tolist()})
