@@ -140,9 +140,9 @@ def load(path: Path | str, overrides: Mapping[str, Any] | None = None) -> Missio
     ways = sites.ways
     depot = (float(ways.sites[-1, 0]), float(ways.sites[-1, 1]))
     try:
-        uavs, uav_settings = uavs_of(config, vehicles, frame, depot, altitudes, slots, document)
+        uavs, uav_settings = uavs_of(config, vehicles, frame, depot, altitudes, sites.slots, document)
         lanes = map_.geometry.image is None
-        ugvs, ugv_settings = ugvs_of(config, vehicles, frame, uav_settings, slots, lanes, document)
+        ugvs, ugv_settings = ugvs_of(config, vehicles, frame, uav_settings, sites.slots, lanes, document)
         problem = Problem(depot, sites.tasks, ways.sites[:-1], np.array(ways.distance_m), uavs, ugvs)
     except PlannerError as error:
         raise document.error(str(error), ("fleet",)) from None

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from deploy.frames import Frame
+from deploy.frames import Frame, Vec2
 from deploy.maps import Array, LoadedMap, Source, Ways
 from deploy.mission_model import MissionConfig
 from deploy.mission_points import draw_tasks, place_path_points, read_points, resolve
-from deploy.mission_slots import Slots
+from deploy.mission_slots import Slots, best_turn
 from deploy.yaml_file import Document, KeyPath
 
 
@@ -26,12 +26,14 @@ class Sites:
         ways: roads between path points and, last, the depot.
         tasks: (n_tasks, 2) in world m.
         task_names: as the file names them, else their numbers.
+        slots: turned to fit the roads at the sites.
         sources: files read.
     """
 
     ways: Ways
     tasks: Array
     task_names: tuple[str, ...]
+    slots: Slots
     sources: tuple[Source, ...]
 
 
@@ -66,10 +68,12 @@ class SiteMaker:
             if not np.isfinite(ways.distance_m[i, -1]):
                 what = f"path point {i} at {_at(given)} cannot be reached by road from the depot; move it or join the roads"
                 raise self.document.error(what, point_keys(i))
-        self._check_spacing(ways.sites, point_keys)
+        slots = best_turn(self.slots, lambda offset: self._off_road_m(ways, offset))
+        self._check_parks(ways, slots, point_keys)
+        self._check_spacing(ways.sites, slots, point_keys)
         tasks, names, task_source, task_keys = self._tasks(ways.sites, metric)
         self._check_tasks(tasks, names, ways.sites, task_keys)
-        return Sites(ways, tasks, names, tuple(s for s in (point_source, task_source) if s is not None))
+        return Sites(ways, tasks, names, slots, tuple(s for s in (point_source, task_source) if s is not None))
 
     def _file(self, name: str) -> Path:
         return self.document.path.parent / name
@@ -139,7 +143,30 @@ class SiteMaker:
             )
             raise self.document.error(text, key)
 
-    def _check_spacing(self, sites: Array, keys: Callable[[int], KeyPath]) -> None:
+    def _off_road_m(self, ways: Ways, offset: Vec2) -> float:
+        """Worst distance from the road (arena m) of the place with this offset, over all sites."""
+        return max(ways.offset_m(self._place(site, offset)) for site in ways.sites) * self.frame.scale
+
+    def _place(self, site: Array, offset: Vec2) -> Vec2:
+        x, y = self.frame.to_arena((float(site[0]), float(site[1])))
+        return self.frame.to_world((x + offset[0], y + offset[1]))
+
+    def _check_parks(self, ways: Ways, slots: Slots, keys: Callable[[int], KeyPath]) -> None:
+        """On an occupancy map a stopping place must not be in an obstacle; beside a road there is room."""
+        image = self.map_.geometry.image
+        if image is None:
+            return
+        for i, site in enumerate(ways.sites):
+            worst = max((ways.offset_m(self._place(site, park)) for park in slots.parks), default=0.0)
+            if worst > 2 * image.resolution_m:
+                at_depot = i == len(ways.sites) - 1
+                text = (
+                    f"{'the depot' if at_depot else f'path point {i}'} at {_at(site)} has no room for all UGVs side by side: one "
+                    f"would stand {worst:.3g} m from where it may be (map.clearance_m); move it, or reduce separation.ugv_m"
+                )
+                raise self.document.error(text, ("depot",) if at_depot else keys(i))
+
+    def _check_spacing(self, sites: Array, slots: Slots, keys: Callable[[int], KeyPath]) -> None:
         """Vehicles in their places at different sites must be apart as at one site."""
         separation = self.config.separation
         scale = self.frame.scale
@@ -148,8 +175,8 @@ class SiteMaker:
         apart = np.hypot(*(sites[:, None] - sites[None]).transpose(2, 0, 1))
         for i, j in zip(*np.nonzero(np.triu(apart < reach, 1)), strict=True):
             a, b = (np.array(self.frame.to_arena((float(x), float(y)))) for x, y in (sites[i], sites[j]))
-            for slots, limit in ((self.slots.pads, least), (self.slots.parks, separation.ugv_m)):
-                pairs = [(p, q) for (n, p), (m, q) in product(enumerate(slots), repeat=2) if n != m]
+            for places, limit in ((slots.pads, least), (slots.parks, separation.ugv_m)):
+                pairs = [(p, q) for (n, p), (m, q) in product(enumerate(places), repeat=2) if n != m]
                 gaps = [float(np.hypot(*(b + q - a - p))) for p, q in pairs]
                 if (gaps and min(gaps) < limit - 1e-9) or apart[i, j] < 1e-6:
                     other = "the depot" if j == len(sites) - 1 else f"path point {j}"

@@ -7,7 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from skimage.graph import MCP_Geometric
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
 
 from planner.problem import Point
 from planner.roads import RoadError
@@ -15,7 +16,7 @@ from planner.roads import RoadError
 Array = NDArray[np.float64]
 
 # Steps to 16 neighbours: lengths of straight lines are at most 2.8 % too long (8 neighbours: 8.2 %).
-_STEPS = [(i, j) for i in range(-2, 3) for j in range(-2, 3) if math.gcd(i, j) == 1]
+_STEPS = [(0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (1, -2), (2, 1), (2, -1)]  # and back
 
 
 class OccupancyRoads:
@@ -57,7 +58,10 @@ class OccupancyRoads:
         self._nearest: NDArray[np.int32] = nearest
         given = np.asarray(sites, dtype=np.float64).reshape(-1, 2)
         self._sites = np.array([self._settle(site) for site in given]).reshape(-1, 2)
-        self._cost = np.stack([self._costs(site) for site in self._sites]) if len(given) else np.zeros((0, *free.shape))
+        self._number = np.full(free.shape, -1, dtype=np.int64)  # of each open cell
+        self._number[self._open] = np.arange(int(self._open.sum()))
+        self._cells = np.argwhere(self._open)  # (n, 2) row, column
+        self._cost, self._before = self._shortest()
         self._distance_m = self._between()
         for array in (self._distance_m, self._sites):
             array.setflags(write=False)
@@ -78,8 +82,7 @@ class OccupancyRoads:
 
     def distances_from(self, point: Point) -> Array:
         """Distance from ``point`` (taken to the nearest place the UGV can be at) to each site, (P+1,) in m."""
-        row, column = self._open_cell(point)
-        distances: Array = self._cost[:, row, column].astype(np.float64)
+        distances: Array = self._cost[:, self._number[self._open_cell(point)]]
         return distances
 
     def route(self, start: Point, site: int) -> Array:
@@ -88,20 +91,13 @@ class OccupancyRoads:
         Raises:
             RoadError: when no way leads there.
         """
-        cell = self._open_cell(start)
-        cost = self._cost[site]
-        if not np.isfinite(cost[cell]):
+        number = int(self._number[self._open_cell(start)])
+        if not np.isfinite(self._cost[site, number]):
             raise RoadError(f"no way leads from ({start[0]:g}, {start[1]:g}) to site {site}")
-        cells = [cell]
-        while cost[cell] > 0:
-            around = [(cell[0] + i, cell[1] + j, math.hypot(i, j)) for i, j in _STEPS]
-            inside = [(r, c, d) for r, c, d in around if 0 <= r < cost.shape[0] and 0 <= c < cost.shape[1]]
-            # Steepest descent by what the step leaves to go, which is exact on the field that steps made.
-            row, column, _ = min(inside, key=lambda s: cost[s[0], s[1]] + s[2] * self.resolution_m)
-            if not cost[row, column] < cost[cell]:
-                break
-            cell = (row, column)
-            cells.append(cell)
+        cells = []
+        while number >= 0:
+            cells.append((int(self._cells[number, 0]), int(self._cells[number, 1])))
+            number = int(self._before[site, number])
         first = np.asarray(start, dtype=np.float64)
         inner = [self._centre(c) for c in self._pull(cells)]
         if self._away_m[self._cell(start)] == 0.0:
@@ -128,11 +124,34 @@ class OccupancyRoads:
         _, first = np.unique(np.stack([rows // size, columns // size], axis=1), axis=0, return_index=True)
         return np.array([self._centre((int(rows[i]), int(columns[i]))) for i in np.sort(first)]).reshape(-1, 2)
 
-    def _costs(self, site: Array) -> Array:
-        speed = np.where(self._open, 1.0, -1.0)
-        field, _ = MCP_Geometric(speed, offsets=_STEPS).find_costs([self._open_cell((float(site[0]), float(site[1])))])
-        costs: Array = (field * self.resolution_m).astype(np.float32)
-        return costs
+    def _shortest(self) -> tuple[Array, NDArray[np.int32]]:
+        """Distance from each site to each open cell, (P+1, n) in m, and the cell before it on the way from the site."""
+        rows, columns = self._open.shape
+        starts, ends, lengths = [], [], []
+        for i, j in _STEPS:
+            here = self._number[: rows - i, max(0, -j) : columns - max(0, j)]
+            there = self._number[i:, max(0, j) : columns - max(0, -j)]
+            both = (here >= 0) & (there >= 0)
+            if abs(i) + abs(j) == 3:  # a long step must not jump a corner: the cells it passes between are open, too
+                u, v = (i - i // 2, j) if abs(i) == 2 else (i, j - int(math.copysign(1, j)))
+                a, b = (i // 2, 0) if abs(i) == 2 else (0, int(math.copysign(1, j)))
+                both &= self._shifted(a, b, here.shape, max(0, -j)) & self._shifted(u, v, here.shape, max(0, -j))
+            starts.append(here[both])
+            ends.append(there[both])
+            lengths.append(np.full(int(both.sum()), math.hypot(i, j) * self.resolution_m))
+        a_, b_, d_ = np.concatenate(starts), np.concatenate(ends), np.concatenate(lengths)
+        n = len(self._cells)
+        graph = csr_array((np.r_[d_, d_], (np.r_[a_, b_], np.r_[b_, a_])), shape=(n, n))
+        at = [int(self._number[self._open_cell((float(x), float(y)))]) for x, y in self._sites]
+        if not at:
+            return np.zeros((0, n)), np.zeros((0, n), dtype=np.int32)
+        cost, before = dijkstra(graph, indices=at, return_predecessors=True)
+        return cost, before
+
+    def _shifted(self, i: int, j: int, shape: tuple[int, ...], column: int) -> NDArray[np.bool_]:
+        """Whether the cell (i, j) further is open, for the block of cells of ``shape`` from (0, ``column``)."""
+        shifted: NDArray[np.bool_] = self._open[i : i + shape[0], column + j : column + j + shape[1]]
+        return shifted
 
     def _between(self) -> Array:
         n = len(self._sites)

@@ -100,11 +100,11 @@ def houses(rng: np.random.Generator, land: Land, road: Array, n: int, size: tupl
     taken = shapely.unary_union([*land.water, *(shapely.LineString(r).buffer(6) for r in land.roads)])
     at = line.project(shapely.Point(near))
     for _ in range(n):
-        s = float(np.clip(at + rng.normal(0, 12 * np.sqrt(n) + 30), 5, line.length - 5))
+        s = float(np.clip(at + rng.normal(0, size[1] * np.sqrt(n) + 2 * size[0]), 5, line.length - 5))
         a, b = (np.array(line.interpolate(x).coords[0]) for x in (s - 3, s + 3))
         angle = float(np.arctan2(*(b - a)[::-1]))
         w, d = rng.uniform(*size), rng.uniform(0.6, 0.9) * size[0]
-        away = rng.choice([-1, 1]) * (8 + d / 2 + abs(rng.normal(0, 10)))
+        away = rng.choice([-1, 1]) * (8 + d / 2 + abs(rng.normal(0, size[0])))
         centre = a + away * np.array([-np.sin(angle), np.cos(angle)])
         house = shapely.affinity.rotate(shapely.box(-w / 2, -d / 2, w / 2, d / 2), angle, use_radians=True)
         house = shapely.affinity.translate(house, *centre)
@@ -118,7 +118,7 @@ def rural() -> Land:
     land = Land(10_000, 10_000)
     box = shapely.box(0, 0, land.width, land.height)
     main = river(rng, np.array([1800.0, 10_300]), np.array([10_300.0, 2600]), 90)
-    side = river(rng, np.array([-300.0, 4300]), np.array([4300.0, 6900]), 45)
+    side = river(rng, np.array([-300.0, 4300]), np.array([4080.0, 6720]), 45)
     lakes = [blob(rng, np.array(c), r, 0.16) for c, r in (((7900, 7800), 620), ((2300, 2500), 430), ((5300, 5350), 300))]
     wet = shapely.unary_union([main, side, *lakes]).intersection(box)
     land.water = [p for p in shapely.get_parts(wet) if p.area > 2000]
@@ -136,7 +136,7 @@ def rural() -> Land:
     for v in villages:
         for road in land.roads:
             if min(np.hypot(*(road[0] - v)), np.hypot(*(road[-1] - v))) < 1:
-                houses(rng, land, road, int(rng.integers(2, 9)), (14, 34), v)
+                houses(rng, land, road, int(rng.integers(3, 9)), (34, 70), v)
     streets = shapely.unary_union([shapely.LineString(r).buffer(60) for r in land.roads])
     for c in scatter(rng, land, 1500, 200):
         shape = blob(rng, c, rng.uniform(250, 560), 0.2).difference(streets).difference(wet.buffer(40)).intersection(box)
