@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import orjson
-from mcap.exceptions import McapError
-from mcap.records import Channel, Chunk, Footer, Message
-from mcap.stream_reader import StreamReader, get_chunk_data_stream
-from zstandard import ZstdError
 
 from deploy.errors import InputError
 from deploy.events import Event
 from deploy.observation import Observation, PlanRequest, Refusal
+from deploy.recording_bytes import MAGIC, messages, whole
 from deploy.recording_meta import RunMeta
 from deploy.serial import decode, from_json, plan_from_json
 from deploy.status import Status
@@ -26,10 +22,7 @@ from planner.errors import PlannerError
 from planner.plan import Plan
 from planner.problem import Problem
 
-MAGIC = b"\x89MCAP0\r\n"
 PREFIX = "/copcs/"
-# what the mcap package raises on bytes that are no MCAP records
-DAMAGE = (McapError, ZstdError, EOFError, KeyError, ValueError, OverflowError, MemoryError, struct.error)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +70,7 @@ class Recording:
         """Every turn in order, each exactly as it was."""
         turn: dict[str, Any] | None = None
         with self._naming_the_file():
-            for topic, data in self._messages():
+            for topic, data in self._messages("observation", "commands", "events", "status", "plan_request"):
                 if topic == "observation":
                     if turn is not None:
                         yield Tick(**turn)
@@ -112,13 +105,11 @@ class Recording:
                 problem = None if row["problem"] is None else Problem.from_json(row["problem"])
                 yield Adopted(row["time_s"], row["zero_s"], row["reason"], plan_from_json(row["plan"]), problem)
 
-    def _messages(self, *topics: str) -> Iterator[tuple[str, bytes]]:
-        """Exact channels' names and data, all of them or those named."""
+    def _messages(self, *names: str) -> Iterator[tuple[str, bytes]]:
+        """Exact channels' names and data."""
         with self.path.open("rb") as stream:
-            for topic, data in _scan(stream):
-                name = topic.removeprefix(PREFIX)
-                if name != topic and (not topics or name in topics):
-                    yield name, data
+            for topic, data in messages(stream, {PREFIX + name for name in names}):
+                yield topic.removeprefix(PREFIX), data
 
     @contextmanager
     def _naming_the_file(self) -> Iterator[None]:
@@ -143,30 +134,6 @@ def _add(turn: dict[str, Any], topic: str, data: bytes) -> None:
             turn["plan_request"] = from_json(PlanRequest, orjson.loads(data)["request"])
 
 
-def _scan(stream: BinaryIO) -> Iterator[tuple[str, bytes]]:
-    """Topic and data of every message, up to the end or to the first damage."""
-    channels: dict[int, str] = {}
-    with suppress(*DAMAGE):
-        for record in StreamReader(stream, validate_crcs=True).records:
-            if isinstance(record, Message):
-                yield channels[record.channel_id], record.data
-            elif isinstance(record, Channel):
-                channels[record.id] = record.topic
-
-
-def _whole(stream: BinaryIO) -> bool:
-    """Whether every chunk is intact and the file was ended properly; does not look into the chunks."""
-    ended = False
-    try:
-        for record in StreamReader(stream, emit_chunks=True).records:
-            if isinstance(record, Chunk):
-                get_chunk_data_stream(record, validate_crc=True)
-            ended = ended or isinstance(record, Footer)
-    except DAMAGE:
-        return False
-    return ended
-
-
 def read(folder: Path) -> Recording:
     """Opens the recording of a run folder (or the ``.mcap`` file itself).
 
@@ -178,10 +145,8 @@ def read(folder: Path) -> Recording:
         with path.open("rb") as stream:
             if stream.read(len(MAGIC)) != MAGIC:
                 raise InputError("not an MCAP file; give a run folder of copcs-deploy", file=path)
-            stream.seek(0)
-            truncated = not _whole(stream)
-            stream.seek(0)
-            head = next((d for topic, d in _scan(stream) if topic == PREFIX + "mission"), None)
+            truncated = not whole(stream)
+            head = next((data for _, data in messages(stream, {PREFIX + "mission"})), None)
     except FileNotFoundError as error:
         raise InputError("no such file; give a run folder of copcs-deploy", file=path) from error
     except OSError as error:

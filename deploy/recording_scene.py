@@ -53,7 +53,7 @@ from planner.problem import Problem
 
 FRAME = "arena"
 POSE_S = 0.05  # loop time between poses of one vehicle: 20 Hz is smooth, and exact poses are in /copcs/observation
-TRAIL_POINTS = 300  # a longer trail is thinned out by half
+TRAIL_POINTS = 200  # a longer trail is thinned out by half
 LEVELS = {
     Severity.INFO: LogLevel.Info,
     Severity.WARNING: LogLevel.Warning,
@@ -147,7 +147,7 @@ class SceneWriter:
             for row in status.vehicles:
                 if row.position_m is not None and row.vehicle in self._trails:
                     self._trails[row.vehicle].add(row.position_m)
-            if sum(trail.fresh for trail in self._trails.values()) >= 4 * len(self._trails):
+            if sum(trail.fresh for trail in self._trails.values()) >= 10 * len(self._trails):
                 self._draw_trails(ns)
 
     def plan(self, plan: Plan, problem: Problem | None, ns: int) -> None:
