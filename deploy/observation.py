@@ -28,18 +28,32 @@ class OperatorInput:
 
 @dataclass(frozen=True, slots=True)
 class PlanRequest:
-    """A replan asked for: a command out. ``start`` is the current plan's rest, the warm start."""
+    """A replan asked for: a command out.
+
+    Attributes:
+        number: of the request.
+        problem: the team's state now; its time 0 is now; indices are the mission's.
+        start: the current plan's rest, the warm start.
+        reason: for the operator.
+        urgent: the current plan is infeasible.
+        exclude_uavs, exclude_ugvs: indices of vehicles that can take no part.
+    """
 
     number: int
     problem: Problem
     start: tuple[Action, ...]
     reason: str
     urgent: bool
+    exclude_uavs: tuple[int, ...] = ()
+    exclude_ugvs: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class PlanReply:
-    """Its result: an observation in. Actions refer to the request's problem (same indices as the mission's)."""
+    """Its result: an observation in. Actions refer to the request's problem (same indices as the mission's).
+
+    ``usable`` is true where the plan strands nobody, even if it leaves tasks out (``feasible`` is false then).
+    """
 
     number: int
     feasible: bool
@@ -47,6 +61,7 @@ class PlanReply:
     method: str
     planning_s: float
     violation: str | None = None
+    usable: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -74,8 +74,11 @@ class Monitors:
     """A replan that takes longer is late."""
     loop_late_s: Positive = 0.2
     """A loop that runs later than this is overloaded."""
-    energy_margin: Fraction = 0.05
-    """Share of capacity kept above reserve when the point of no return is judged."""
+    energy_margin: Fraction = 0.08
+    """Share of capacity left after landing at the nearest site; a UAV that would have less flies there at once. Below
+    the planner's reserve, so that it acts only when the plan has gone wrong."""
+    arrival_m: Positive = 1.0
+    """A place counts as reached at this distance."""
 
 
 @dataclass(frozen=True, slots=True)

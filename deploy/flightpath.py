@@ -1,0 +1,195 @@
+"""Timed paths and whether two of them come too near: what dispatch plans with and what the gate judges by.
+
+A path is piecewise linear in time. Because a vehicle is never exactly on time, a path is judged as a row of *pieces*,
+each occupied some seconds before and after its own time; two paths conflict where two pieces overlap in time and come
+nearer than the cylinder of ``Separation`` allows (horizontally and vertically at once, for downwash).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from drivers.vehicle import Vec2, Vec3
+
+FOREVER_S = 1e9
+PIECE_S = 4.0
+EARLY_LATE_S = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class TimedPath:
+    """Knots (t in s, x, y, z in m) with growing times; before the first and after the last the vehicle rests there."""
+
+    knots: tuple[tuple[float, float, float, float], ...]
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last knot."""
+        return self.knots[-1][0]
+
+    @property
+    def end_m(self) -> Vec3:
+        """Position of the last knot."""
+        return self.knots[-1][1:]
+
+    def at(self, time_s: float) -> Vec3:
+        """Position at ``time_s``."""
+        previous = self.knots[0]
+        if time_s <= previous[0]:
+            return previous[1:]
+        for knot in self.knots[1:]:
+            if time_s < knot[0]:
+                f = (time_s - previous[0]) / (knot[0] - previous[0])
+                return (
+                    previous[1] + f * (knot[1] - previous[1]),
+                    previous[2] + f * (knot[2] - previous[2]),
+                    previous[3] + f * (knot[3] - previous[3]),
+                )
+            previous = knot
+        return previous[1:]
+
+
+@dataclass(frozen=True, slots=True)
+class Conflict:
+    """Two paths come too near: when (earliest), and how near horizontally and vertically."""
+
+    time_s: float
+    horizontal_m: float
+    vertical_m: float
+
+
+def rest_to_rest_s(distance_m: float, speed_mps: float, accel_mps2: float) -> float:
+    """Duration of a straight motion from rest to rest with a trapezoidal speed profile."""
+    if distance_m <= 0:
+        return 0.0
+    if distance_m >= speed_mps * speed_mps / accel_mps2:
+        return distance_m / speed_mps + speed_mps / accel_mps2
+    return 2.0 * math.sqrt(distance_m / accel_mps2)
+
+
+def resting(position_m: Vec3, now_s: float) -> TimedPath:
+    """A vehicle that stays where it is."""
+    return TimedPath(((now_s, *position_m), (FOREVER_S, *position_m)))
+
+
+def straight(start_m: Vec3, end_m: Vec3, now_s: float, speed_mps: float, accel_mps2: float) -> TimedPath:
+    """A straight rest-to-rest flight that begins now, at constant mean speed, and then rests at its end."""
+    duration_s = rest_to_rest_s(math.dist(start_m, end_m), speed_mps, accel_mps2)
+    if duration_s <= 0:
+        return resting(end_m, now_s)
+    return TimedPath(((now_s, *start_m), (now_s + duration_s, *end_m), (FOREVER_S, *end_m)))
+
+
+def along(points_m: Sequence[Vec2], height_m: float, now_s: float, speed_mps: float) -> TimedPath:
+    """A drive along a polyline at constant speed that begins now, and then rests at its end."""
+    knots = [(now_s, points_m[0][0], points_m[0][1], height_m)]
+    for x, y in points_m[1:]:
+        step_s = math.dist((x, y), knots[-1][1:3]) / speed_mps
+        if step_s > 0:
+            knots.append((knots[-1][0] + step_s, x, y, height_m))
+    return TimedPath((*knots, (FOREVER_S, *knots[-1][1:])))
+
+
+_Piece = tuple[float, float, Vec3, Vec3]  # (from s, to s, start, end)
+
+
+def pieces(path: TimedPath, from_s: float) -> list[_Piece]:
+    """The path from ``from_s`` on, cut so that no moving piece lasts longer than ``PIECE_S``."""
+    found: list[_Piece] = []
+    for (t0, *_), (t1, *p1) in zip(path.knots, path.knots[1:], strict=False):
+        if t1 <= from_s:
+            continue
+        begin_s = max(t0, from_s)
+        a = path.at(begin_s)
+        b = (p1[0], p1[1], p1[2])
+        if a == b:
+            found.append((begin_s, t1, a, b))
+            continue
+        n = max(1, math.ceil((t1 - begin_s) / PIECE_S))
+        for i in range(n):
+            f0, f1 = i / n, (i + 1) / n
+            found.append((begin_s + f0 * (t1 - begin_s), begin_s + f1 * (t1 - begin_s), _mix(a, b, f0), _mix(a, b, f1)))
+    if not found:
+        found.append((from_s, FOREVER_S, path.end_m, path.end_m))
+    return found
+
+
+def _mix(a: Vec3, b: Vec3, f: float) -> Vec3:
+    return (a[0] + f * (b[0] - a[0]), a[1] + f * (b[1] - a[1]), a[2] + f * (b[2] - a[2]))
+
+
+def segment_distance_m(a: Vec3, b: Vec3, c: Vec3, d: Vec3) -> float:
+    """Least horizontal distance between segments a-b and c-d (Ericson, Real-Time Collision Detection, 5.1.9)."""
+    ux, uy, vx, vy = b[0] - a[0], b[1] - a[1], d[0] - c[0], d[1] - c[1]
+    wx, wy = a[0] - c[0], a[1] - c[1]
+    uu, vv, uv = ux * ux + uy * uy, vx * vx + vy * vy, ux * vx + uy * vy
+    uw, vw = ux * wx + uy * wy, vx * wx + vy * wy
+    det = uu * vv - uv * uv
+    s = _clamp((uv * vw - vv * uw) / det) if det > 1e-12 * max(uu * vv, 1e-12) else 0.0
+    t = (uv * s + vw) / vv if vv > 0 else 0.0
+    if t < 0 or t > 1 or vv == 0:
+        t = _clamp(t)
+        s = _clamp((uv * t - uw) / uu) if uu > 0 else 0.0
+    return math.hypot(wx + s * ux - t * vx, wy + s * uy - t * vy)
+
+
+def _clamp(x: float) -> float:
+    return 0.0 if x < 0 else min(x, 1.0)
+
+
+def vertical_gap_m(a: Vec3, b: Vec3, c: Vec3, d: Vec3) -> float:
+    """Least vertical distance between the height ranges of a-b and c-d; 0 where they overlap."""
+    return max(0.0, max(min(a[2], b[2]), min(c[2], d[2])) - min(max(a[2], b[2]), max(c[2], d[2])))
+
+
+def conflict(
+    mine: TimedPath,
+    other: TimedPath,
+    now_s: float,
+    horizontal_m: float,
+    vertical_m: float,
+    slop_s: float = EARLY_LATE_S,
+) -> Conflict | None:
+    """The first conflict of two paths from ``now_s`` on, or None.
+
+    Args:
+        mine: the path that is to begin.
+        other: the path of another vehicle.
+        now_s: pieces before this time do not count.
+        horizontal_m: radius of the cylinder, buffer included.
+        vertical_m: its half height, buffer included.
+        slop_s: how much earlier or later than planned either may be.
+
+    A pair that is too near at the very start and only moves apart is no conflict: it must be allowed to part.
+    """
+    ours, theirs = pieces(mine, now_s), pieces(other, now_s)
+    parting = _parting(ours[0], theirs[0], horizontal_m, vertical_m)
+    j0 = 0
+    for i, (a0, a1, a, b) in enumerate(ours):
+        while j0 < len(theirs) - 1 and theirs[j0][1] + slop_s < a0 - slop_s:
+            j0 += 1
+        for j in range(j0, len(theirs)):
+            c0, _, c, d = theirs[j]
+            if c0 - slop_s > a1 + slop_s:
+                break
+            gap_m = vertical_gap_m(a, b, c, d)
+            if gap_m >= vertical_m:
+                continue
+            distance_m = segment_distance_m(a, b, c, d)
+            if distance_m < horizontal_m and not (parting and i == 0 and j == 0):
+                return Conflict(max(a0, c0, now_s), distance_m, gap_m)
+    return None
+
+
+def _parting(ours: _Piece, theirs: _Piece, horizontal_m: float, vertical_m: float) -> bool:
+    """Whether the two start inside each other's cylinder and leave it in their first pieces without coming nearer."""
+    (_, _, a, b), (_, _, c, d) = ours, theirs
+    start_h, start_v = math.dist(a[:2], c[:2]), abs(a[2] - c[2])
+    if start_h >= horizontal_m or start_v >= vertical_m:
+        return False
+    end_h, end_v = math.dist(b[:2], d[:2]), abs(b[2] - d[2])
+    nearer = end_h < start_h - 1e-9 and end_v <= start_v
+    lower = end_v < start_v - 1e-9 and end_h <= start_h
+    return not nearer and not lower and (end_h > start_h or end_v > start_v)

@@ -1,0 +1,168 @@
+"""Who answers the supervisor's replan requests: in the loop for the virtual clock, in a worker process in real time."""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from deploy.observation import PlanReply, PlanRequest
+from planner.errors import PlannerError
+from planner.problem import Problem
+from planner.schedule import predict
+from planner.solve import Params, Stop, solve
+
+
+@dataclass(frozen=True, slots=True)
+class ReplanSettings:
+    """How to replan.
+
+    Attributes:
+        method: of ``planner.solve``.
+        time_s: wall-clock budget; on the virtual clock the reply takes that long, arena s.
+        iterations: budget on the virtual clock, where results must not depend on the machine's speed.
+        seed: of the search.
+        options: of the method.
+    """
+
+    method: str = "search"
+    time_s: float = 1.0
+    iterations: int = 200_000
+    seed: int = 0
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+class Planner(Protocol):
+    """Takes one request at a time."""
+
+    def submit(self, request: PlanRequest, now_s: float) -> None:
+        """Begins to plan; a newer request replaces an older one."""
+        ...
+
+    def poll(self, now_s: float) -> PlanReply | None:
+        """The reply, once, when it is there."""
+        ...
+
+    def due_s(self) -> float | None:
+        """When a virtual clock should look again; None where nobody knows."""
+        ...
+
+    def close(self) -> None:
+        """Ends the worker."""
+        ...
+
+
+def answer(request: PlanRequest, settings: ReplanSettings, stop: Stop) -> PlanReply:
+    """Plans, tasks that nobody can reach left out; never raises for a problem without a plan."""
+    begun_s = time.perf_counter()
+    try:
+        options = {
+            **settings.options,
+            "allow_partial": True,
+            "exclude_uavs": request.exclude_uavs,
+            "exclude_ugvs": request.exclude_ugvs,
+        }
+        params = Params(settings.method, request.start, options)
+        plan = solve(request.problem, stop, settings.seed + request.number, params).plan
+        usable = _survives(request.problem, request, plan.actions)
+    except PlannerError as error:
+        took_s = time.perf_counter() - begun_s
+        return PlanReply(request.number, False, (), settings.method, took_s, str(error), usable=False)
+    took_s = time.perf_counter() - begun_s
+    return PlanReply(
+        request.number, plan.feasible, plan.actions, plan.method, took_s, plan.schedule.violation, usable=usable
+    )
+
+
+def _survives(problem: Problem, request: PlanRequest, actions: tuple[Any, ...]) -> bool:
+    found = predict(problem, actions, exclude_uavs=request.exclude_uavs, exclude_ugvs=request.exclude_ugvs)
+    return found.survives
+
+
+class InlinePlanner:
+    """Plans at once by an iteration budget and answers after the time that planning takes on the virtual clock."""
+
+    def __init__(self, settings: ReplanSettings, extra_delay_s: Callable[[], float] = lambda: 0.0) -> None:
+        self._settings = settings
+        self._extra_delay_s = extra_delay_s
+        self._reply: PlanReply | None = None
+        self._due_s: float | None = None
+
+    def submit(self, request: PlanRequest, now_s: float) -> None:
+        """Plans; see ``Planner``."""
+        self._reply = answer(request, self._settings, Stop(iterations=self._settings.iterations))
+        self._due_s = now_s + self._settings.time_s + self._extra_delay_s()
+
+    def poll(self, now_s: float) -> PlanReply | None:
+        """See ``Planner``."""
+        if self._due_s is None or now_s < self._due_s:
+            return None
+        reply, self._reply, self._due_s = self._reply, None, None
+        return reply
+
+    def due_s(self) -> float | None:
+        """See ``Planner``."""
+        return self._due_s
+
+    def close(self) -> None:
+        """Nothing to end."""
+
+
+class ProcessPlanner:
+    """Plans in one worker process by a time budget, so that the loop never waits."""
+
+    def __init__(self, settings: ReplanSettings) -> None:
+        self._settings = settings
+        self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
+        self._future: Future[PlanReply] | None = None
+        self._number = 0
+        self._pool.submit(warm_up)
+
+    def submit(self, request: PlanRequest, now_s: float) -> None:
+        """Begins to plan; see ``Planner``."""
+        if self._future is not None:
+            self._future.cancel()
+        self._number = request.number
+        try:
+            self._future = self._pool.submit(answer, request, self._settings, Stop(time_s=self._settings.time_s))
+        except BrokenExecutor:
+            self._restart()
+            self._future = self._pool.submit(answer, request, self._settings, Stop(time_s=self._settings.time_s))
+
+    def poll(self, now_s: float) -> PlanReply | None:
+        """See ``Planner``; a worker that died is an answer too."""
+        if self._future is None or not self._future.done():
+            return None
+        future, self._future = self._future, None
+        try:
+            return future.result()
+        except BrokenExecutor as error:
+            self._restart()
+            return PlanReply(
+                self._number, False, (), self._settings.method, 0.0, f"the planner died: {error}", usable=False
+            )
+
+    def due_s(self) -> float | None:
+        """See ``Planner``."""
+        return None
+
+    def close(self) -> None:
+        """Ends the worker, in the middle of planning too."""
+        for process in list(getattr(self._pool, "_processes", {}).values()):
+            process.terminate()
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def _restart(self) -> None:
+        self._pool.shutdown(wait=False)
+        self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
+
+
+def warm_up() -> None:
+    """Loads and compiles the search, so that the first replan in flight is as fast as the others."""
+    from planner.problem import Uav  # noqa: PLC0415
+
+    problem = Problem((0.0, 0.0), [[1.0, 1.0]], [], [[0.0]], (Uav("uav0", (0.0, 0.0)),), ())  # type: ignore[arg-type]
+    solve(problem, Stop(iterations=100))

@@ -1,0 +1,372 @@
+"""The supervisor: ``step(settings, state, observation) -> state, commands, events``. Pure; stops are judged first."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from deploy import dispatch, dispatch_ugv, estimate, monitors, replanning
+from deploy.events import Action, Event, EventKind, Severity
+from deploy.failsafe import UAV_SITUATION, UGV_SITUATION, Situation, action_for, severity_of
+from deploy.observation import Observation, OperatorInput, PlanRequest
+from deploy.retime import plan_state
+from deploy.settings import Settings
+from deploy.state import (
+    AIRBORNE,
+    UAV_FINAL,
+    Finding,
+    MissionPhase,
+    State,
+    Track,
+    UavPhase,
+    UavState,
+    UgvPhase,
+    UgvState,
+)
+from deploy.turn import Adopted, Turn
+from drivers.vehicle import Arm, Command, Disarm, Hold, Pose
+from planner.plan import Plan
+
+M = MissionPhase
+RECOVERY_LIMIT_S = 1800.0
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What one step gives: the next state, commands in order, events, a replan asked for and a plan adopted."""
+
+    state: State
+    commands: tuple[Command, ...]
+    events: tuple[Event, ...]
+    request: PlanRequest | None
+    adopted: Adopted | None
+
+
+def initial(settings: Settings, plan: Plan) -> State:
+    """The state before the first step: everybody on the ground at the depot, disarmed.
+
+    Args:
+        settings: of the mission.
+        plan: for ``settings.problem``.
+    """
+    problem = settings.problem
+    depot = problem.depot_index
+    return State(
+        phase=M.DISARMED,
+        uavs=tuple(UavState(i, energy_j=u.energy_j, site=depot) for i, u in enumerate(problem.uavs)),
+        ugvs=tuple(
+            UgvState(i, energy_j=g.energy_j, site=depot if g.path_point is None else g.path_point)
+            for i, g in enumerate(problem.ugvs)
+        ),
+        plan=plan_state(settings, problem, plan.actions, number=0, at_s=0.0),
+        plan_digest=plan.digest,
+        visited=tuple(bool(v) for v in problem.visited),
+    )
+
+
+def step(settings: Settings, state: State, observation: Observation) -> Step:
+    """One turn: judges stops, looks, decides, dispatches.
+
+    Args:
+        settings: of the mission.
+        state: from ``initial`` or the last step.
+        observation: what was seen since.
+
+    The same arguments always give the same result: no I/O, no clock, no randomness.
+    """
+    turn = Turn(settings, observation, state, list(state.uavs), list(state.ugvs), state.plan, list(state.visited))
+    turn.pending = state.pending
+    for wish in sorted(observation.operator, key=lambda w: w.wish != "stop"):
+        _operator(turn, wish)
+    _look(turn)
+    _judge(turn)
+    _refusals(turn)
+    if turn.state.phase is M.RUNNING:
+        replanning.review(turn)
+    for ugv in range(len(turn.ugvs)):
+        dispatch_ugv.advance(turn, ugv)
+    for uav in range(len(turn.uavs)):
+        dispatch.advance(turn, uav)
+    _mission(turn)
+    final = replace(
+        turn.state,
+        uavs=tuple(turn.uavs),
+        ugvs=tuple(turn.ugvs),
+        plan=turn.plan,
+        visited=tuple(turn.visited),
+        pending=turn.pending,
+    )
+    return Step(final, tuple(turn.commands), tuple(turn.events), turn.request, turn.adopted)
+
+
+# --- the operator ---------------------------------------------------------------------------------------------------
+
+
+def _operator(turn: Turn, wish: OperatorInput) -> None:
+    phase = turn.state.phase
+    if wish.wish == "stop" and not turn.state.over:
+        turn.tell(EventKind.OPERATOR_STOP, "the operator stops all motors", action=Action.STOP_MOTORS)
+        _stop_everybody(turn)
+    elif wish.wish == "recover" and phase in (M.ARMED, M.RUNNING, M.HOLDING):
+        turn.tell(EventKind.OPERATOR_RECOVER, "the operator brings everybody down", action=Action.TEAM_RECOVERY)
+        turn.state = replace(turn.state, aborting=True)
+        _recover(turn)
+    elif wish.wish == "recover" and phase in (M.DISARMED, M.CHECKED):
+        turn.state = replace(turn.state, aborting=True)
+        _enter(turn, M.ABORTED, "the operator calls it off before anything was armed")
+    elif wish.wish == "hold" and phase is M.RUNNING:
+        turn.tell(EventKind.OPERATOR_HOLD, "the operator holds the mission", action=Action.HOLD)
+        _enter(turn, M.HOLDING, "everybody stops where they are")
+    elif wish.wish == "resume" and phase is M.HOLDING:
+        _enter(turn, M.RUNNING, "the mission goes on")
+        turn.want_replan("the mission was held", urgent=False)
+    elif wish.wish == "checked" and phase is M.DISARMED and wish.plan_digest == turn.state.plan_digest:
+        turn.state = replace(turn.state, valid_until_s=wish.valid_until_s)
+        _enter(turn, M.CHECKED, "the checks of this plan have passed")
+    elif wish.wish == "arm" and phase is M.CHECKED and _checks_valid(turn):
+        turn.state = replace(turn.state, valid_until_s=math.inf)
+        turn.uavs = [turn.order(u, Arm(c.id)) for u, c in zip(turn.uavs, turn.settings.uavs, strict=True)]
+        turn.ugvs = [turn.order(g, Arm(c.id)) for g, c in zip(turn.ugvs, turn.settings.ugvs, strict=True)]
+    elif wish.wish == "start" and phase is M.ARMED:
+        turn.state = replace(turn.state, start_s=turn.now_s)
+        _enter(turn, M.RUNNING, "the mission starts")
+    else:
+        turn.events.append(
+            Event(
+                turn.now_s,
+                EventKind.MISSION_STATE,
+                Severity.WARNING,
+                None,
+                Action.NOTE,
+                f"{wish.wish!r} has no effect while {phase.value} (or its checks do not hold for this plan any more)",
+            )
+        )
+
+
+def _checks_valid(turn: Turn) -> bool:
+    limit_s = turn.state.valid_until_s
+    return limit_s is not None and turn.now_s <= limit_s
+
+
+def _enter(turn: Turn, phase: MissionPhase, why: str) -> None:
+    turn.tell(EventKind.MISSION_STATE, f"{phase.value}: {why}")
+    turn.state = replace(turn.state, phase=phase)
+
+
+def _recover(turn: Turn) -> None:
+    """Everybody in the air comes down at the nearest site, UGVs stop."""
+    _enter(turn, M.RECOVERING, "everybody comes down")
+    turn.state = replace(turn.state, recovering_since_s=turn.now_s)
+    turn.uavs = [replace(u, site=None, work_until_s=None) if u.phase is UavPhase.FLYING else u for u in turn.uavs]
+    turn.ugvs = [replace(g, target=None, held=True) if g.phase is UgvPhase.DRIVING else g for g in turn.ugvs]
+    turn.pending = None
+
+
+def _stop_everybody(turn: Turn) -> None:
+    turn.state = replace(turn.state, aborting=True)
+    turn.uavs = [dispatch.apply(turn, u, Action.STOP_MOTORS) for u in turn.uavs]
+    turn.ugvs = [dispatch_ugv.apply(turn, g, Action.STOP_MOTORS) for g in turn.ugvs]
+    turn.state = replace(turn.state, replan_reason=None, replan_urgent=False)
+    turn.pending = None
+    _enter(turn, M.ABORTED, "all motors are stopped")
+
+
+# --- looking --------------------------------------------------------------------------------------------------------
+
+
+def _look(turn: Turn) -> None:
+    settings = turn.settings
+    poses = {
+        p.body: p for p in turn.observation.poses if all(map(math.isfinite, (*p.position_m, p.yaw_rad, p.stamp_s)))
+    }
+    news = {v.vehicle: v for v in turn.observation.vehicles}
+    tracks: dict[str, Track] = {}
+    for i, (uav, config) in enumerate(zip(turn.uavs, settings.uavs, strict=True)):
+        track = _follow(
+            turn, uav.track, poses.get(config.body), uav.phase in AIRBORNE, config.max_speed_mps, config.accel_mps2
+        )
+        turn.uavs[i] = replace(uav, track=track, telemetry=news.get(config.id, uav.telemetry))
+        if track is not None:
+            tracks[config.id] = track
+    for j, (ugv, road) in enumerate(zip(turn.ugvs, settings.ugvs, strict=True)):
+        driving = ugv.phase is UgvPhase.DRIVING
+        track = _follow(turn, ugv.track, poses.get(road.body), driving, road.max_speed_mps, road.accel_mps2)
+        turn.ugvs[j] = replace(ugv, track=track, telemetry=news.get(road.id, ugv.telemetry))
+        if track is not None:
+            tracks[road.id] = track
+    tracks = estimate.mark_swaps(tracks, settings.monitors)
+    for i, config in enumerate(settings.uavs):
+        uav = replace(turn.uavs[i], track=tracks.get(config.id))
+        energy_j = estimate.uav_energy(settings, uav, config, uav.telemetry, turn.now_s)
+        uav = replace(uav, energy_j=energy_j, energy_s=turn.now_s)
+        turn.uavs[i] = monitors.note_deviation(turn, turn.confirm(uav, config.speed_mps))
+    for j, road in enumerate(settings.ugvs):
+        ugv = replace(turn.ugvs[j], track=tracks.get(road.id))
+        energy_j = estimate.ugv_energy(settings, ugv, road, ugv.telemetry, turn.now_s)
+        ugv = dispatch_ugv.observe(turn, replace(ugv, energy_j=energy_j, energy_s=turn.now_s))
+        turn.ugvs[j] = turn.confirm(ugv, road.speed_mps)
+    for i, before in enumerate(
+        turn.state.uavs
+    ):  # what a virtual UAV battery has gained, a virtual UGV battery has lost
+        after = turn.uavs[i]
+        if after.phase is UavPhase.CHARGING and after.docked is not None and settings.uavs[i].energy == "virtual":
+            ugv = turn.ugvs[after.docked[0]]
+            gained_j = max(0.0, after.energy_j - before.energy_j)
+            turn.ugvs[after.docked[0]] = replace(ugv, energy_j=max(0.0, ugv.energy_j - gained_j))
+
+
+def _follow(
+    turn: Turn, track: Track | None, pose: Pose | None, moving: bool, speed_mps: float, brake: float
+) -> Track | None:
+    if pose is None:
+        return track
+    if track is None:
+        return estimate.first_track(pose)
+    return estimate.follow(
+        track, pose, moving=moving, max_speed_mps=speed_mps, brake_mps2=brake, limits=turn.settings.monitors
+    )
+
+
+# --- judging --------------------------------------------------------------------------------------------------------
+
+
+def _judge(turn: Turn) -> None:
+    """Turns findings into events (once each) and actions (as long as they hold)."""
+    by_vehicle: dict[str | None, list[Finding]] = {}
+    for finding in monitors.findings(turn):
+        by_vehicle.setdefault(finding.vehicle, []).append(finding)
+    armed = turn.state.phase not in (M.DISARMED, M.CHECKED) and not turn.state.over
+    for i, config in enumerate(turn.settings.uavs):
+        uav = turn.uavs[i]
+        found = by_vehicle.get(config.id, [])
+        situation = UAV_SITUATION[uav.phase]
+        actions = _tell(turn, config.id, uav.active, found, situation, armed)
+        lost = {EventKind.LINK_LOST, EventKind.POSE_LOST} <= {f.kind for f in found}
+        uav = replace(uav, active=_active(uav.active, found), held=False)
+        for action in actions if armed else ():
+            uav = dispatch.apply(turn, uav, action)
+        if lost and armed and uav.phase in AIRBORNE:
+            turn.want_replan(f"{config.id} can be neither seen nor commanded", urgent=True)
+            uav = replace(uav, phase=UavPhase.LOST, since_s=turn.now_s, out=True, path=None, docked=None, action=None)
+        turn.uavs[i] = uav
+    for j, road in enumerate(turn.settings.ugvs):
+        ugv = turn.ugvs[j]
+        found = by_vehicle.get(road.id, [])
+        actions = _tell(turn, road.id, ugv.active, found, UGV_SITUATION[ugv.phase], armed)
+        ugv = replace(ugv, active=_active(ugv.active, found), held=False)
+        for action in actions if armed else ():
+            ugv = dispatch_ugv.apply(turn, ugv, action)
+        turn.ugvs[j] = ugv
+    found = by_vehicle.get(None, [])
+    _tell(turn, None, turn.state.active, found, Situation.MISSION, armed)
+    turn.state = replace(turn.state, active=_active(turn.state.active, found))
+
+
+def _active(before: frozenset[EventKind], found: list[Finding]) -> frozenset[EventKind]:
+    return frozenset(f.kind for f in found) | (before & {EventKind.CONFLICT_HELD})
+
+
+def _tell(
+    turn: Turn,
+    vehicle: str | None,
+    before: frozenset[EventKind],
+    found: list[Finding],
+    situation: Situation,
+    armed: bool,
+) -> list[Action]:
+    """Tells what has begun and ended, and returns the actions that hold now, mildest first."""
+    actions = []
+    now = {f.kind for f in found}
+    for finding in found:
+        action = action_for(finding.kind, situation, turn.settings.failsafe)
+        actions.append(action)
+        if finding.kind not in before and armed:
+            turn.tell(finding.kind, finding.text, vehicle, action)
+    for kind in sorted(before - now - {EventKind.CONFLICT_HELD}):
+        if armed and severity_of(kind) >= Severity.WARNING:
+            turn.tell(EventKind.RECOVERED_FROM, f"{kind.value.replace('_', ' ')} is over", vehicle)
+    return sorted(actions)
+
+
+def _refusals(turn: Turn) -> None:
+    """A refused command was not sent: the vehicle stays as it is, and is asked again a little later."""
+    for refusal in turn.observation.refusals:
+        name = refusal.command.vehicle
+        what = type(refusal.command).__name__
+        turn.tell(EventKind.GATE_REFUSED, f"{what} for {name} was refused: {refusal.reason}", name)
+        retry_s = turn.now_s + dispatch.RETRY_S
+        for i, config in enumerate(turn.settings.uavs):
+            if config.id == name:
+                turn.uavs[i] = dispatch.refused(turn, replace(turn.uavs[i], retry_s=retry_s))
+        for j, road in enumerate(turn.settings.ugvs):
+            if road.id == name:
+                turn.ugvs[j] = dispatch_ugv.refused(turn, replace(turn.ugvs[j], retry_s=retry_s))
+
+
+# --- the mission as a whole -----------------------------------------------------------------------------------------
+
+
+def _mission(turn: Turn) -> None:
+    phase = turn.state.phase
+    if phase is M.CHECKED and turn.state.valid_until_s == math.inf and _all_armed(turn):
+        _enter(turn, M.ARMED, "every vehicle is armed")
+    elif phase is M.CHECKED and turn.state.valid_until_s == math.inf:
+        turn.uavs = [turn.order(u, Arm(c.id)) for u, c in zip(turn.uavs, turn.settings.uavs, strict=True)]
+        turn.ugvs = [turn.order(g, Arm(c.id)) for g, c in zip(turn.ugvs, turn.settings.ugvs, strict=True)]
+    elif phase is M.RUNNING and replanning.finished(turn):
+        _finish(turn)
+    elif phase is M.RECOVERING and _everybody_down(turn):
+        turn.state = replace(turn.state, end_s=turn.now_s)
+        turn.commands.extend(Disarm(c.id) for c in (*turn.settings.uavs, *turn.settings.ugvs))
+        _enter(turn, M.ABORTED if turn.state.aborting else M.DONE, "everybody is down")
+
+
+def _all_armed(turn: Turn) -> bool:
+    return all(v.telemetry is not None and v.telemetry.armed for v in (*turn.uavs, *turn.ugvs))
+
+
+def _finish(turn: Turn) -> None:
+    """The plan is done: UAVs still in the air land at their sites, a UGV is sent to each path point with a UAV."""
+    _enter(turn, M.RECOVERING, f"{sum(turn.visited)} of {len(turn.visited)} tasks are visited")
+    turn.state = replace(turn.state, recovering_since_s=turn.now_s)
+    turn.pending = None
+    depot = turn.settings.problem.depot_index
+    served = {g.site for g in turn.ugvs}
+    idle = [g.index for g in turn.ugvs if g.phase is UgvPhase.PARKED and not g.out]
+    for uav in turn.uavs:
+        if uav.phase in UAV_FINAL or uav.docked is not None or uav.track is None:
+            continue
+        site = uav.site if uav.site is not None else turn.nearest_site(uav.track.position_m)[0]
+        turn.uavs[uav.index] = replace(uav, site=site) if uav.phase in AIRBORNE else uav
+        if site == depot or site in served:
+            continue
+        roads = {g: _drive_m(turn, g, site) for g in idle}
+        best = min(roads, key=lambda g: (roads[g], g), default=None)
+        if best is not None and math.isfinite(roads[best]):
+            idle.remove(best)
+            served.add(site)
+            turn.ugvs[best] = replace(turn.ugvs[best], target=site)
+
+
+def _drive_m(turn: Turn, ugv: int, site: int) -> float:
+    """Road distance of a parked UGV to a site, in m; inf where its energy does not reach."""
+    here = turn.ugvs[ugv].site
+    assert here is not None  # it is parked
+    distance_m = float(turn.settings.problem.road_distance_m[here, site])
+    model = turn.settings.problem.ugvs[ugv]
+    return distance_m if distance_m / model.speed_mps * model.drive_w <= turn.ugvs[ugv].energy_j else math.inf
+
+
+def _everybody_down(turn: Turn) -> bool:
+    if any(u.phase not in UAV_FINAL for u in turn.uavs):
+        return False
+    late = turn.now_s - turn.state.recovering_since_s > RECOVERY_LIMIT_S
+    return late or all(_settled(g) for g in turn.ugvs)
+
+
+def _settled(ugv: UgvState) -> bool:
+    if ugv.out or ugv.stuck or ugv.phase is UgvPhase.LOST:
+        return True
+    if ugv.phase is UgvPhase.HOLDING:
+        return ugv.target is None and ugv.order is not None and isinstance(ugv.order.command, Hold)
+    return ugv.phase is UgvPhase.PARKED and ugv.target is None
