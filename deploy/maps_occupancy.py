@@ -47,7 +47,9 @@ class MapServerFile(Section):
     @model_validator(mode="after")
     def _ordered(self) -> MapServerFile:
         if self.free_thresh >= self.occupied_thresh:
-            raise ValueError(f"free_thresh ({self.free_thresh:g}) is not below occupied_thresh ({self.occupied_thresh:g})")
+            raise ValueError(
+                f"free_thresh ({self.free_thresh:g}) is not below occupied_thresh ({self.occupied_thresh:g})"
+            )
         if max(abs(c) for c in self.origin) > 1e9:
             raise ValueError(f"origin {list(self.origin)} is beyond 1e9 m; give map coordinates")
         return self

@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import shapely
 
 from deploy.errors import InputError
-from deploy.maps import LoadedMap, MapGeometry, Source
+from deploy.maps import LoadedMap, MapGeometry, Region, Source
 from deploy.maps_geojson import load_geojson_map
 from deploy.maps_occupancy import load_occupancy_map
 from deploy.mission_errors import validate
-from deploy.mission_fleet import UavConfig, UgvConfig, Vehicles, vehicles_of
+from deploy.mission_fleet import Fleet, fleet_of
 from deploy.mission_model import Checks, Energy, FleetSection, MissionConfig, Planner, RandomFaults
+from deploy.mission_schema import schema
 from deploy.mission_settings import altitudes_of, frame_of, geofence_of, region_of, slots_of, uavs_of, ugvs_of
 from deploy.mission_sites import SiteMaker
 from deploy.settings import Settings
@@ -29,6 +29,8 @@ from planner.problem import Problem
 from planner.roads import Roads
 from sim_backends.errors import SimulationError
 from sim_backends.faults import Fault, check_faults
+
+__all__ = ["FleetVehicle", "Mission", "load", "schema"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,24 +127,24 @@ def load(path: Path | str, overrides: Mapping[str, Any] | None = None) -> Missio
         what = f"{document.data['version']!r} is not understood; this program reads version 1"
         raise document.error(what, ("version",))
     config = validate(MissionConfig, document.data, document)
-    vehicles, fleet_sources = _fleet(config, document)
+    fleet, fleet_sources = _fleet(config, document)
     map_ = _map(config, document)
     frame = frame_of(config)
     geofence = geofence_of(config, map_.geometry, frame, document)
-    altitudes = altitudes_of(config, vehicles, document)
-    slots = slots_of(config, vehicles, document)
+    altitudes = altitudes_of(config, fleet, document)
+    slots = slots_of(config, fleet, document)
 
     @lru_cache
-    def region(margin_m: float) -> shapely.Geometry:
+    def region(margin_m: float) -> Region:
         return region_of(geofence, map_.geometry, frame, margin_m)
 
     sites = SiteMaker(config, document, map_, frame, slots, region).make()
     ways = sites.ways
     depot = (float(ways.sites[-1, 0]), float(ways.sites[-1, 1]))
     try:
-        uavs, uav_settings = uavs_of(config, vehicles, frame, depot, altitudes, sites.slots, document)
+        uavs, uav_settings = uavs_of(config, fleet, frame, depot, altitudes, sites.slots)
         lanes = map_.geometry.image is None
-        ugvs, ugv_settings = ugvs_of(config, vehicles, frame, uav_settings, sites.slots, lanes, document)
+        ugvs, ugv_settings = ugvs_of(config, fleet, frame, uav_settings, sites.slots, lanes)
         problem = Problem(depot, sites.tasks, ways.sites[:-1], np.array(ways.distance_m), uavs, ugvs)
     except PlannerError as error:
         raise document.error(str(error), ("fleet",)) from None
@@ -178,46 +180,11 @@ def load(path: Path | str, overrides: Mapping[str, Any] | None = None) -> Missio
         checks=config.checks,
         faults=config.faults,
         random_faults=config.random_faults,
-        fleet=_ordered(vehicles),
+        fleet=_ordered(fleet),
         sources=(Source("mission", path, document.raw), *fleet_sources, *map_.sources, *sites.sources),
         data=document.data,
         map_data=map_.data,
     )
-
-
-def schema() -> dict[str, Any]:
-    """JSON schema of ``mission.yaml`` for editors; ``mission_configs/mission.schema.json`` holds it."""
-    result = MissionConfig.model_json_schema()
-    result["$defs"].update(_vehicle_definitions())
-    _use_vehicle_keys(result["$defs"]["FleetSection"]["properties"])
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **result}
-
-
-def fleet_schema() -> dict[str, Any]:
-    """JSON schema of fleet files for editors; ``mission_configs/fleet.schema.json`` holds it."""
-    result = FleetSection.model_json_schema()
-    result["$defs"] = _vehicle_definitions()
-    del result["properties"]["file"]
-    _use_vehicle_keys(result["properties"])
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **result}
-
-
-def _vehicle_definitions() -> dict[str, Any]:
-    properties: dict[str, Any] = {"type": {"type": "string", "description": "A name under `types`."}}
-    for model in (UgvConfig, UavConfig):
-        properties.update(model.model_json_schema()["properties"])
-    properties["kind"] = {"enum": ["uav", "ugv"], "description": "UAV or UGV."}
-    for key in properties:
-        if key not in ("type", "kind"):
-            properties[key].pop("default", None)  # UAVs and UGVs differ, an editor would show one of both
-    return {"VehicleKeys": {"type": "object", "additionalProperties": False, "properties": properties}}
-
-
-def _use_vehicle_keys(properties: dict[str, Any]) -> None:
-    keys = {"$ref": "#/$defs/VehicleKeys"}
-    properties["all"] = {**keys, "description": properties["all"]["description"]}
-    for name in ("types", "vehicles"):
-        properties[name]["additionalProperties"] = keys
 
 
 def _override(document: Document, overrides: Mapping[str, Any]) -> Document:
@@ -228,7 +195,9 @@ def _override(document: Document, overrides: Mapping[str, Any]) -> Document:
         try:
             json.dumps(value)
         except (TypeError, ValueError):
-            raise InputError(f"{value!r} cannot stand in a mission; give plain values", file=document.path, key=dotted) from None
+            raise InputError(
+                f"{value!r} cannot stand in a mission; give plain values", file=document.path, key=dotted
+            ) from None
         data = _replaced(data, parts, value, document)
         # The value does not come from the file any more, so neither does its line.
         lines = {key: line for key, line in lines.items() if key[: len(parts)] != parts}
@@ -245,19 +214,19 @@ def _replaced(data: Any, parts: KeyPath, value: Any, document: Document) -> Any:
     return {**data, str(parts[0]): _replaced(data.get(str(parts[0])), parts[1:], value, document)}
 
 
-def _fleet(config: MissionConfig, document: Document) -> tuple[Vehicles, tuple[Source, ...]]:
+def _fleet(config: MissionConfig, document: Document) -> tuple[Fleet, tuple[Source, ...]]:
     section = config.fleet
     if section.file is None:
-        return vehicles_of(section, document, ("fleet",)), ()
+        return fleet_of(section, document, ("fleet",)), ()
     if section.all or section.types or section.vehicles:
         what = f"file ({section.file}) and vehicles are both given; keep one"
         raise document.error(what, ("fleet", "file"))
     fleet_path = _named(document, section.file, ("fleet", "file"))
     fleet_document = read_yaml(fleet_path, "fleet")
-    fleet = validate(FleetSection, fleet_document.data, fleet_document)
-    if fleet.file is not None:
-        raise fleet_document.error(f"a fleet file cannot name another ({fleet.file}); copy its vehicles", ("file",))
-    return vehicles_of(fleet, fleet_document, ()), (Source("fleet", fleet_path, fleet_document.raw),)
+    inner = validate(FleetSection, fleet_document.data, fleet_document)
+    if inner.file is not None:
+        raise fleet_document.error(f"a fleet file cannot name another ({inner.file}); copy its vehicles", ("file",))
+    return fleet_of(inner, fleet_document, ()), (Source("fleet", fleet_path, fleet_document.raw),)
 
 
 def _map(config: MissionConfig, document: Document) -> LoadedMap:
@@ -288,6 +257,6 @@ def _named(document: Document, name: str, key: KeyPath) -> Path:
     return path
 
 
-def _ordered(vehicles: Vehicles) -> tuple[FleetVehicle, ...]:
-    everyone = [FleetVehicle(n, v.kind, v.body or n, v.driver, v.endpoint, v.sysid) for n, v in vehicles.items()]
-    return tuple(v for kind in ("uav", "ugv") for v in everyone if v.kind == kind)
+def _ordered(fleet: Fleet) -> tuple[FleetVehicle, ...]:
+    everyone = [*fleet.uavs.items(), *fleet.ugvs.items()]
+    return tuple(FleetVehicle(n, v.kind, v.body or n, v.driver, v.endpoint, v.sysid) for n, v in everyone)

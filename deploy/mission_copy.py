@@ -30,7 +30,9 @@ def save_copy(mission: Mission, folder: Path) -> Path:
         if role in names:
             data[role] = {**data[role], "file": names[role]}
     written: dict[str, bytes] = {s.role: s.raw for s in mission.sources}
-    written["mission"] = _yaml(data, f"# Mission {mission.name!r} as run; written by the program from {mission.path}.\n")
+    written["mission"] = _yaml(
+        data, f"# Mission {mission.name!r} as run; written by the program from {mission.path}.\n"
+    )
     if mission.map_data is not None:
         written["map"] = _yaml({**mission.map_data, "image": names["image"]}, "# Copy; see mission.yaml.\n")
     names["mission"] = "mission.yaml"

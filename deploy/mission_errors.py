@@ -8,7 +8,6 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from deploy.errors import InputError
 from deploy.mission_model import suggestion
 from deploy.yaml_file import Document, KeyPath
 
@@ -121,14 +120,14 @@ def _sentence(model: type[BaseModel], error: dict[str, Any], key: KeyPath) -> st
 def _known_keys(model: type[BaseModel], key: KeyPath) -> set[str]:
     """The keys that may stand where ``key`` points, from the model's own schema."""
     schema = model.model_json_schema()
-    here = [schema]
+    here: list[dict[str, Any]] = [schema]
     for part in key:
         here = [step for option in here for step in _steps(schema, option, part)]
     return {name for option in here for o in _options(schema, option) for name in o.get("properties", {})}
 
 
 def _steps(schema: dict[str, Any], option: dict[str, Any], part: str | int) -> list[dict[str, Any]]:
-    found = []
+    found: list[dict[str, Any]] = []
     for o in _options(schema, option):
         if isinstance(part, int):
             items = [o["items"]] if isinstance(o.get("items"), dict) else o.get("prefixItems", [])[part : part + 1]
@@ -146,6 +145,3 @@ def _options(schema: dict[str, Any], option: dict[str, Any]) -> list[dict[str, A
     if "anyOf" in option or "oneOf" in option:
         return [o for each in (option.get("anyOf") or option["oneOf"]) for o in _options(schema, each)]
     return [option]
-
-
-__all__ = ["InputError", "shown", "validate"]

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any, Literal
 
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Le
 from pydantic import Field, model_validator
 
+from deploy.errors import InputError
 from deploy.mission_errors import validate
 from deploy.mission_model import XY, FleetSection, Section, suggestion
 from deploy.settings import NotNegative, Positive
@@ -31,7 +34,7 @@ _ENDPOINTS: dict[str, tuple[str, str]] = {
 class _Vehicle(Section):
     kind: Literal["uav", "ugv"]
     """UAV or UGV."""
-    body: str | None = Field(None, min_length=1)
+    body: str | None = Field(default=None, min_length=1)
     """Its name in motion capture; default: its id."""
     driver: Driver | None = None
     """Which driver flies the real one; simulators need none."""
@@ -53,7 +56,9 @@ class _Vehicle(Section):
     @model_validator(mode="after")
     def _consistent(self) -> _Vehicle:
         if self.energy_j is not None and self.energy_j > self.capacity_j:
-            raise ValueError(f"energy_j ({self.energy_j:g}) is above capacity_j ({self.capacity_j:g}); give at most that")
+            raise ValueError(
+                f"energy_j ({self.energy_j:g}) is above capacity_j ({self.capacity_j:g}); give at most that"
+            )
         if self.endpoint is not None:
             if self.driver is None:
                 raise ValueError(f"endpoint {self.endpoint!r} is given without driver; give crazyflie, limo or mavlink")
@@ -74,10 +79,10 @@ class UavConfig(_Vehicle):
     """Cruise speed in the world, m/s."""
     capacity_j: Positive = UAV_CAPACITY_J
     """Energy when full, world J."""
-    reserve_fraction: Annotated[float, Ge(0), Gt(-1), Le(0.9)] = 0.15
+    reserve_fraction: Annotated[float, Ge(0), Le(0.9)] = 0.15
     """Share of capacity that may never be used."""
-    power_w: tuple[float, ...] | None = Field(None, min_length=1, max_length=6)
-    """Power in level flight over speed in the world: coefficients, highest power first, W; default: the paper's cubic."""
+    power_w: tuple[float, ...] | None = Field(default=None, min_length=1, max_length=6)
+    """Power in level flight over speed (world): coefficients, highest power first, W; default: the paper's cubic."""
     cruise_w: Positive | None = None
     """Power at cruise speed, W; default: from ``power_w``."""
     hover_w: Positive | None = None
@@ -113,7 +118,9 @@ class UavConfig(_Vehicle):
     def _powers(self) -> UavConfig:
         for name, watts in (("cruise", self.cruise_power_w), ("hover", self.hover_power_w)):
             if not 0 < watts < 1e9:
-                raise ValueError(f"the power model gives {watts:g} W at {name}; give power_w for this speed, or {name}_w")
+                raise ValueError(
+                    f"the power model gives {watts:g} W at {name}; give power_w for this speed, or {name}_w"
+                )
         return self
 
 
@@ -126,7 +133,7 @@ class UgvConfig(_Vehicle):
     """Driving speed in the world, m/s."""
     capacity_j: Positive = UGV_CAPACITY_J
     """Energy when full, world J."""
-    power_w: tuple[float, ...] | None = Field(None, min_length=1, max_length=6)
+    power_w: tuple[float, ...] | None = Field(default=None, min_length=1, max_length=6)
     """Driving power over speed in the world: coefficients, highest power first, W; default: the paper's."""
     drive_w: Positive | None = None
     """Driving power at ``speed_mps``, W; default: from ``power_w``."""
@@ -143,7 +150,7 @@ class UgvConfig(_Vehicle):
     accel_mps2: Positive = 1.0
     """Of starts and stops, arena m/s^2."""
     lane_offset_m: NotNegative | None = None
-    """Keeps this far right of the road's centre line, arena m; default: 0.6 separation.ugv_m on roads, 0 on occupancy maps."""
+    """Keeps this far right of the road's centre line, arena m; default: 0.6 separation.ugv_m, 0 on occupancy maps."""
     pad_height_m: NotNegative = 0.5
     """Height of the charging docks, arena m."""
     docks: Annotated[int, Ge(1), Le(16)] = 2
@@ -158,7 +165,9 @@ class UgvConfig(_Vehicle):
         if self.charge_s is not None and self.charge_w is not None:
             raise ValueError(f"charge_s ({self.charge_s:g}) and charge_w ({self.charge_w:g}) are both given; keep one")
         if self.dock_offsets_m is not None and len(self.dock_offsets_m) != self.docks:
-            raise ValueError(f"dock_offsets_m has {len(self.dock_offsets_m)} entries for docks: {self.docks}; give one each")
+            raise ValueError(
+                f"dock_offsets_m has {len(self.dock_offsets_m)} entries for docks: {self.docks}; give one each"
+            )
         watts = self.drive_power_w
         if not 0 < watts < 1e9:
             raise ValueError(f"the power model gives {watts:g} W at speed_mps; give power_w for this speed, or drive_w")
@@ -183,13 +192,51 @@ class UgvConfig(_Vehicle):
 
 
 Vehicles = dict[str, UavConfig | UgvConfig]
+
+
+@dataclass(frozen=True, eq=False)
+class Fleet:
+    """The vehicles by id, in order, and where each of their keys stands.
+
+    Attributes:
+        vehicles: merged and validated.
+        document: the fleet file, or the mission where the fleet stands in it.
+        levels: of each vehicle, the mappings that it was merged from and where they stand, first counts.
+    """
+
+    vehicles: Vehicles
+    document: Document
+    levels: dict[str, list[tuple[dict[str, Any], KeyPath]]]
+
+    def error(self, vehicle: str, key: str, what: str) -> InputError:
+        """An error at the place where ``key`` of ``vehicle`` was given."""
+        return self.document.error(what, _origin(self.levels[vehicle], (key,)))
+
+    @property
+    def uavs(self) -> dict[str, UavConfig]:
+        """UAVs by id."""
+        return {name: v for name, v in self.vehicles.items() if isinstance(v, UavConfig)}
+
+    @property
+    def ugvs(self) -> dict[str, UgvConfig]:
+        """UGVs by id."""
+        return {name: v for name, v in self.vehicles.items() if isinstance(v, UgvConfig)}
+
+
+def _origin(levels: list[tuple[dict[str, Any], KeyPath]], key: KeyPath) -> KeyPath:
+    for values, place in levels:
+        if key and key[0] in values:
+            return (*place, *key)
+    return (*levels[0][1], *key)
+
+
 _KEYS = {
     "uav": set(UavConfig.model_fields) - {"kind"},
     "ugv": set(UgvConfig.model_fields) - {"kind"},
 }
 
 
-def vehicles_of(fleet: FleetSection, document: Document, at: KeyPath) -> Vehicles:
+def fleet_of(fleet: FleetSection, document: Document, at: KeyPath) -> Fleet:
     """Merges and validates the vehicles of ``fleet``, which stands at key ``at`` of ``document``, in order.
 
     Raises:
@@ -202,8 +249,12 @@ def vehicles_of(fleet: FleetSection, document: Document, at: KeyPath) -> Vehicle
         if key not in everything:
             raise document.error(f"unknown key {key!r}{suggestion(key, everything)}; remove it", (*at, "all", key))
     for name in fleet.types:
-        _kind(fleet.types[name], document, (*at, "types", name))
+        kind = _kind(fleet.types[name], document, (*at, "types", name))
+        for key in set(fleet.types[name]) - _KEYS[kind] - {"kind"}:
+            what = f"unknown key {key!r}{suggestion(key, _KEYS[kind])}; correct or remove it"
+            raise document.error(what, (*at, "types", name, key))
     vehicles: Vehicles = {}
+    levels: dict[str, list[tuple[dict[str, Any], KeyPath]]] = {}
     for vehicle, own in fleet.vehicles.items():
         here: KeyPath = (*at, "vehicles", vehicle)
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,39}", vehicle):
@@ -215,19 +266,16 @@ def vehicles_of(fleet: FleetSection, document: Document, at: KeyPath) -> Vehicle
             raise document.error(f"type is {type_name!r}, which `types` does not hold{hint}", (*here, "type"))
         common = fleet.types[type_name]
         kind = _kind(common, document, (*at, "types", type_name))
+        if own.get("kind", kind) != kind:
+            what = f"kind is {own['kind']!r}, but type {type_name!r} is a {kind}; leave it out"
+            raise document.error(what, (*here, "kind"))
         shared = {key: value for key, value in fleet.all.items() if key in _KEYS[kind]}
         merged = {**shared, **common, **{k: v for k, v in own.items() if k != "type"}, "kind": kind}
-        levels = [(own, here), (common, (*at, "types", type_name)), (shared, (*at, "all"))]
-
-        def origin(key: KeyPath, levels: list[tuple[dict[str, Any], KeyPath]] = levels) -> KeyPath:
-            for values, place in levels:
-                if key and key[0] in values:
-                    return (*place, *key)
-            return (*levels[0][1], *key)
-
-        vehicles[vehicle] = validate(UavConfig if kind == "uav" else UgvConfig, merged, document, origin)
+        levels[vehicle] = [(own, here), (common, (*at, "types", type_name)), (shared, (*at, "all"))]
+        model: type[UavConfig | UgvConfig] = UavConfig if kind == "uav" else UgvConfig
+        vehicles[vehicle] = validate(model, merged, document, partial(_origin, levels[vehicle]))
     _unique(vehicles, document, at)
-    return vehicles
+    return Fleet(vehicles, document, levels)
 
 
 def _kind(values: dict[str, Any], document: Document, at: KeyPath) -> Literal["uav", "ugv"]:
@@ -243,7 +291,9 @@ def _kind(values: dict[str, Any], document: Document, at: KeyPath) -> Literal["u
 
 def _unique(vehicles: Vehicles, document: Document, at: KeyPath) -> None:
     if not any(v.kind == "uav" for v in vehicles.values()):
-        raise document.error(f"the fleet ({', '.join(vehicles)}) has no UAV; a mission needs at least one", (*at, "vehicles"))
+        raise document.error(
+            f"the fleet ({', '.join(vehicles)}) has no UAV; a mission needs at least one", (*at, "vehicles")
+        )
     seen: dict[tuple[str, object], str] = {}
     for vehicle, config in vehicles.items():
         values: list[tuple[str, object]] = [("body", config.body or vehicle)]

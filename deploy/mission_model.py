@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Le
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
 
 from deploy.events import Action, EventKind
 from deploy.settings import Fraction, Monitors, NotNegative, Positive, Replanning, Separation
+from planner.solve import METHODS
 from sim_backends.faults import Fault
 
 Count = Annotated[int, Ge(1), Le(10_000)]
@@ -47,7 +48,7 @@ class MapSection(Section):
     file: str
     """GeoJSON road network (``.geojson``, ``.json``) or ROS map_server file (``.yaml``), relative to this file."""
     coordinates: Literal["auto", "lonlat", "metric"] = "auto"
-    """Of a GeoJSON: degrees or metres; ``auto`` takes the file's word (``"copcs_units": "m"`` or a ``crs``), else degrees."""
+    """Of a GeoJSON: degrees or metres; ``auto`` asks the file (``"copcs_units": "m"`` or a ``crs``), else degrees."""
     max_offset_m: Positive = 50.0
     """Depot and path points are moved onto the road; further away than this (world m) is an error."""
     clearance_m: NotNegative = 1.0
@@ -59,7 +60,7 @@ class MapSection(Section):
 class PathPoints(Section):
     """Where UGVs may stop and charge: exactly one of ``points``, ``file`` and ``place``."""
 
-    points: tuple[Place, ...] | None = Field(None, min_length=1, max_length=500)
+    points: tuple[Place, ...] | None = Field(default=None, min_length=1, max_length=500)
     """Given one by one."""
     file: str | None = None
     """CSV (columns x, y or lon, lat) or GeoJSON points, relative to this file."""
@@ -84,7 +85,7 @@ class RandomTasks(Section):
 class Tasks(Section):
     """What is to be visited: exactly one of ``points``, ``file`` and ``random``."""
 
-    points: tuple[Place, ...] | None = Field(None, min_length=1, max_length=10_000)
+    points: tuple[Place, ...] | None = Field(default=None, min_length=1, max_length=10_000)
     """Given one by one."""
     file: str | None = None
     """CSV (columns x, y or lon, lat and, if wanted, id) or GeoJSON points, relative to this file."""
@@ -125,7 +126,7 @@ class Arena(Section):
     """Where the world's origin lies in the arena, arena m."""
     time_scale: Positive = 1.0
     """Arena seconds per mission second."""
-    geofence_m: tuple[XY, ...] | None = Field(None, min_length=3, max_length=1000)
+    geofence_m: tuple[XY, ...] | None = Field(default=None, min_length=3, max_length=1000)
     """Vertices of a simple polygon, arena m; default: the map's bounds and ``fence_margin_m`` around them."""
     fence_margin_m: NotNegative = 100.0
     """Of the default geofence, arena m."""
@@ -145,7 +146,7 @@ class Energy(Section):
     """Where the energies that the supervisor watches come from."""
 
     uavs: Literal["virtual", "measured"] = "measured"
-    """``measured`` by the battery, or ``virtual``: counted by the planner's model (a small vehicle plays a large one)."""
+    """``measured`` by the battery, or ``virtual``: by the planner's model (a small vehicle plays a large one)."""
     ugvs: Literal["virtual", "measured"] = "measured"
     """Likewise."""
 
@@ -162,7 +163,7 @@ class ReplanBudget(Section):
 class Planner(Section):
     """Who plans, and for how long."""
 
-    method: str = Field("search", min_length=1)
+    method: str = Field(default="search", min_length=1)
     """Name of the method."""
     time_s: Positive | None = 5.0
     """Wall-clock time for the first plan, s."""
@@ -174,6 +175,14 @@ class Planner(Section):
     """The method's own."""
     replan: ReplanBudget = ReplanBudget()
     """Budget in flight."""
+
+    @field_validator("method")
+    @classmethod
+    def _known_method(cls, method: str) -> str:
+        if method not in METHODS:
+            hint = suggestion(method, set(METHODS)) or f"; choose one of {', '.join(METHODS)}"
+            raise ValueError(f"{method!r} is no planning method{hint}")
+        return method
 
     @model_validator(mode="after")
     def _budget(self) -> Planner:
@@ -204,7 +213,9 @@ class Checks(Section):
         for name in ("energy_margin", "success_probability"):
             warn, fail = getattr(self, f"{name}_warn"), getattr(self, f"{name}_fail")
             if fail > warn:
-                raise ValueError(f"{name}_fail ({fail:g}) is above {name}_warn ({warn:g}); a failure is worse than a warning")
+                raise ValueError(
+                    f"{name}_fail ({fail:g}) is above {name}_warn ({warn:g}); a failure is worse than a warning"
+                )
         return self
 
 
@@ -218,7 +229,7 @@ class RandomFaults(Section):
 
 
 class FleetSection(Section):
-    """The fleet: either ``file`` or the fleet itself. Values go vehicle -> type -> all, the first that is given counts."""
+    """The fleet: ``file`` or the fleet itself. Values go vehicle -> type -> all; the first that is given counts."""
 
     file: str | None = None
     """A fleet file, relative to this file."""
@@ -239,7 +250,7 @@ class MissionConfig(Section):
 
     version: Literal[1]
     """Of this format."""
-    name: str = Field("mission", min_length=1, max_length=80, pattern=r"^[^\x00-\x1f/\\]+$")
+    name: str = Field(default="mission", min_length=1, max_length=80, pattern=r"^[^\x00-\x1f/\\]+$")
     """For reports and run folders."""
     seed: Seed = 1
     """Of everything random that names no seed of its own."""
@@ -269,7 +280,7 @@ class MissionConfig(Section):
     """Overrides of the failsafe table: ``event`` or ``event/phase`` to action."""
     checks: Checks = Checks()
     """What a plan must hold."""
-    faults: tuple[Fault, ...] = Field((), max_length=1000)
+    faults: tuple[Fault, ...] = Field(default=(), max_length=1000)
     """Scripted faults; simulators only."""
     random_faults: RandomFaults | None = None
     """Faults drawn by the simulator."""
@@ -293,6 +304,3 @@ def suggestion(word: str, known: set[str]) -> str:
 
     close = difflib.get_close_matches(word, sorted(known), n=1, cutoff=0.6)
     return f", did you mean {close[0]!r}?" if close else ""
-
-
-__all__ = ["Gt", "MissionConfig", "Section", "suggestion"]

@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 
 from deploy.errors import InputError
-from deploy.maps import Array, LoadedMap, Source
+from deploy.maps import Array, LoadedMap, Region, Source
 from deploy.maps_geojson import MAX_BYTES, read_geojson
 from deploy.mission_model import LonLat
 from deploy.yaml_file import decode, read_bytes
@@ -89,7 +89,7 @@ def resolve(places: Sequence[tuple[float, float] | LonLat], map_: LoadedMap, pat
     return points
 
 
-def place_path_points(count: int, candidates: Array, region: shapely.Geometry, spacing_m: float) -> Array:
+def place_path_points(count: int, candidates: Array, region: Region, spacing_m: float) -> Array:
     """Chooses central, well spread places along the roads: a k-median of the region, always the same.
 
     Args:
@@ -103,7 +103,9 @@ def place_path_points(count: int, candidates: Array, region: shapely.Geometry, s
     """
     x0, y0, x1, y1 = region.bounds
     side = max(x1 - x0, y1 - y0) / 40
-    grid = np.stack(np.meshgrid(np.arange(x0 + side / 2, x1, side), np.arange(y0 + side / 2, y1, side)), -1).reshape(-1, 2)
+    grid = np.stack(np.meshgrid(np.arange(x0 + side / 2, x1, side), np.arange(y0 + side / 2, y1, side)), -1).reshape(
+        -1, 2
+    )
     grid = grid[shapely.contains_xy(region, grid[:, 0], grid[:, 1])]
     away = np.hypot(*(candidates[:, None] - grid[None]).transpose(2, 0, 1))  # (candidates, grid)
     apart = np.hypot(*(candidates[:, None] - candidates[None]).transpose(2, 0, 1)) >= spacing_m
@@ -112,7 +114,9 @@ def place_path_points(count: int, candidates: Array, region: shapely.Geometry, s
     for _ in range(count):
         allowed = apart[:, chosen].all(axis=1)
         if not allowed.any():
-            raise ValueError(f"there is room for {len(chosen)} path points that are {spacing_m:.3g} m apart, not for {count}")
+            raise ValueError(
+                f"there is room for {len(chosen)} path points that are {spacing_m:.3g} m apart, not for {count}"
+            )
         total = np.where(allowed, np.minimum(away, nearest).sum(axis=1), np.inf)
         chosen.append(int(np.argmin(total)))
         nearest = np.minimum(nearest, away[chosen[-1]])
@@ -129,7 +133,7 @@ def place_path_points(count: int, candidates: Array, region: shapely.Geometry, s
     return points[np.lexsort((points[:, 1], points[:, 0]))]
 
 
-def draw_tasks(count: int, seed: int, region: shapely.Geometry, sites: Array, max_distance_m: float | None) -> Array:
+def draw_tasks(count: int, seed: int, region: Region, sites: Array, max_distance_m: float | None) -> Array:
     """Draws tasks uniformly from the part of ``region`` that is close enough to a site, (n, 2) in m.
 
     Raises:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import shapely
 
 from deploy.frames import Frame
-from deploy.maps import MapGeometry
-from deploy.mission_fleet import UavConfig, UgvConfig, Vehicles
+from deploy.maps import MapGeometry, Region
+from deploy.mission_fleet import Fleet, UavConfig, UgvConfig
 from deploy.mission_model import MissionConfig
 from deploy.mission_slots import Slots, make_slots
 from deploy.settings import Geofence, UavSettings, UgvSettings
@@ -47,16 +48,18 @@ def geofence_of(config: MissionConfig, geometry: MapGeometry, frame: Frame, docu
     return Geofence(polygon, arena.ceiling_m, arena.soft_margin_m)
 
 
-def region_of(fence: Geofence, geometry: MapGeometry, frame: Frame, margin_m: float = 0.0) -> shapely.Geometry:
-    """Where tasks (or sites, with ``margin_m`` around them, arena m) may be: within map and soft geofence; world frame."""
+def region_of(fence: Geofence, geometry: MapGeometry, frame: Frame, margin_m: float = 0.0) -> Region:
+    """Where tasks, or sites with ``margin_m`` (arena m) around them, may be: in map and soft geofence; world frame."""
     inner = shapely.Polygon(fence.polygon_m).buffer(-(fence.soft_margin_m + margin_m))
-    world = shapely.transform(inner, lambda xy: [frame.to_world((x, y)) for x, y in xy.tolist()])
+    world = shapely.transform(
+        inner, lambda xy: np.array([frame.to_world((x, y)) for x, y in xy.tolist()]).reshape(-1, 2)
+    )
     region = world.intersection(shapely.box(*geometry.bounds))
     shapely.prepare(region)
     return region
 
 
-def altitudes_of(config: MissionConfig, vehicles: Vehicles, document: Document) -> list[float]:
+def altitudes_of(config: MissionConfig, fleet: Fleet, document: Document) -> list[float]:
     """Cruise altitude of each UAV, arena m.
 
     Raises:
@@ -67,8 +70,8 @@ def altitudes_of(config: MissionConfig, vehicles: Vehicles, document: Document) 
     spacing = layers.spacing_m if layers.spacing_m is not None else least
     if spacing < least - 1e-9:
         what = (
-            f"{spacing:g} m is less than separation.vertical_m + separation.buffer_m ({least:g} m), so layers would not "
-            "separate; give at least that"
+            f"{spacing:g} m is less than separation.vertical_m + separation.buffer_m ({least:g} m), so layers "
+            "would not separate; give at least that"
         )
         raise document.error(what, ("arena", "layers", "spacing_m"))
     room = config.arena.ceiling_m - config.arena.soft_margin_m - layers.lowest_m
@@ -78,16 +81,15 @@ def altitudes_of(config: MissionConfig, vehicles: Vehicles, document: Document) 
             f"({config.arena.ceiling_m - config.arena.soft_margin_m:g} m); lower it or raise the ceiling"
         )
         raise document.error(what, ("arena", "layers", "lowest_m"))
-    for vehicle, v in vehicles.items():
-        if isinstance(v, UgvConfig) and v.pad_height_m >= layers.lowest_m:
+    for vehicle, v in fleet.ugvs.items():
+        if v.pad_height_m >= layers.lowest_m:
             what = f"{layers.lowest_m:g} m is not above the docks of {vehicle!r} ({v.pad_height_m:g} m); raise it"
             raise document.error(what, ("arena", "layers", "lowest_m"))
     n = int(room / spacing + 1e-9) + 1
-    uavs = sum(isinstance(v, UavConfig) for v in vehicles.values())
-    return [round(layers.lowest_m + (i % n) * spacing, 6) for i in range(uavs)]
+    return [round(layers.lowest_m + (i % n) * spacing, 6) for i in range(len(fleet.uavs))]
 
 
-def slots_of(config: MissionConfig, vehicles: Vehicles, document: Document) -> Slots:
+def slots_of(config: MissionConfig, fleet: Fleet, document: Document) -> Slots:
     """Landing and stopping places.
 
     Raises:
@@ -99,19 +101,17 @@ def slots_of(config: MissionConfig, vehicles: Vehicles, document: Document) -> S
         if given is not None and given < least - 1e-9:
             what = f"{given:g} m is less than the separation demands ({least:g} m); give at least that"
             raise document.error(what, ("arena", f"{name}_spacing_m"))
-    docks = [v.offsets_m for v in vehicles.values() if isinstance(v, UgvConfig)]
-    n_uavs = len(vehicles) - len(docks)
-    return make_slots(n_uavs, docks, arena.pad_spacing_m or pads, arena.parking_spacing_m or parks)
+    docks = [v.offsets_m for v in fleet.ugvs.values()]
+    return make_slots(len(fleet.uavs), docks, arena.pad_spacing_m or pads, arena.parking_spacing_m or parks)
 
 
 def uavs_of(
     config: MissionConfig,
-    vehicles: Vehicles,
+    fleet: Fleet,
     frame: Frame,
     depot: Point,
     altitudes_m: list[float],
     slots: Slots,
-    document: Document,
 ) -> tuple[tuple[Uav, ...], tuple[UavSettings, ...]]:
     """The UAVs as the planner and as the supervisor see them.
 
@@ -121,17 +121,16 @@ def uavs_of(
         InputError: for a cruise speed above what the gate lets pass, or a battery too small to take off.
     """
     planned, flown = [], []
-    configs = [(name, v) for name, v in vehicles.items() if isinstance(v, UavConfig)]
-    for (name, v), altitude, pad in zip(configs, altitudes_m, slots.pads, strict=True):
-        speed, limit = _speeds(name, v, frame, document)
+    for (name, v), altitude, pad in zip(fleet.uavs.items(), altitudes_m, slots.pads, strict=True):
+        speed, limit = _speeds(name, v, frame, fleet)
         climb_s = (altitude / v.climb_mps + v.climb_mps / v.accel_mps2) / frame.time_scale
         energy = (v.energy_j if v.energy_j is not None else v.capacity_j) - climb_s * v.hover_power_w
         if energy <= v.reserve_fraction * v.capacity_j:
             what = (
                 f"{name!r} has {energy / 1000:.3g} kJ after the climb of {climb_s:.3g} s, not above its reserve of "
-                f"{v.reserve_fraction * v.capacity_j / 1000:.3g} kJ; give a larger capacity_j or energy_j, or less reserve"
+                f"{v.reserve_fraction * v.capacity_j / 1000:.3g} kJ; give more energy, or less reserve"
             )
-            raise document.error(what, ("fleet",))
+            raise fleet.error(name, "capacity_j", what)
         planned.append(
             Uav(
                 id=name,
@@ -166,12 +165,11 @@ def uavs_of(
 
 def ugvs_of(
     config: MissionConfig,
-    vehicles: Vehicles,
+    fleet: Fleet,
     frame: Frame,
     uavs: tuple[UavSettings, ...],
     slots: Slots,
     lanes: bool,
-    document: Document,
 ) -> tuple[tuple[Ugv, ...], tuple[UgvSettings, ...]]:
     """The UGVs as the planner and as the supervisor see them; ``lanes``: the map has roads to keep right on.
 
@@ -179,9 +177,8 @@ def ugvs_of(
         InputError: for a driving speed above what the gate lets pass.
     """
     planned, driven = [], []
-    configs = [(name, v) for name, v in vehicles.items() if isinstance(v, UgvConfig)]
-    for (name, v), park in zip(configs, slots.parks, strict=True):
-        speed, limit = _speeds(name, v, frame, document)
+    for (name, v), park in zip(fleet.ugvs.items(), slots.parks, strict=True):
+        speed, limit = _speeds(name, v, frame, fleet)
         heights = [(u, u.altitude_m - v.pad_height_m) for u in uavs]
         # Braking from cruise costs v/a against the planner's constant speed; so do start and end of the descent.
         down = max(u.speed_mps / u.accel_mps2 + h / u.descent_mps + u.descent_mps / u.accel_mps2 for u, h in heights)
@@ -223,13 +220,13 @@ def ugvs_of(
     return tuple(planned), tuple(driven)
 
 
-def _speeds(name: str, v: UavConfig | UgvConfig, frame: Frame, document: Document) -> tuple[float, float]:
+def _speeds(name: str, v: UavConfig | UgvConfig, frame: Frame, fleet: Fleet) -> tuple[float, float]:
     speed = frame.speed_to_arena(v.speed_mps)
     limit = v.max_speed_mps if v.max_speed_mps is not None else 1.5 * speed
     if speed > limit * (1 + 1e-9):
         what = (
-            f"{name!r}: speed_mps {v.speed_mps:g} in the world is {speed:.3g} m/s in the arena (scale / time_scale), above "
+            f"{name!r}: speed_mps {v.speed_mps:g} in the world is {speed:.3g} m/s in the arena, above "
             f"max_speed_mps {limit:g}; give less, or a larger arena.time_scale"
         )
-        raise document.error(what, ("fleet",))
+        raise fleet.error(name, "speed_mps", what)
     return speed, limit

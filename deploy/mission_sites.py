@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 
 from deploy.frames import Frame, Vec2
-from deploy.maps import Array, LoadedMap, Source, Ways
+from deploy.maps import Array, LoadedMap, Region, Source, Ways
 from deploy.mission_model import MissionConfig
 from deploy.mission_points import draw_tasks, place_path_points, read_points, resolve
 from deploy.mission_slots import Slots, best_turn
@@ -37,7 +37,7 @@ class Sites:
     sources: tuple[Source, ...]
 
 
-Region = Callable[[float], shapely.Geometry]
+RegionOf = Callable[[float], Region]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class SiteMaker:
     map_: LoadedMap
     frame: Frame
     slots: Slots
-    region: Region
+    region: RegionOf
 
     def make(self) -> Sites:
         """All sites.
@@ -66,7 +66,9 @@ class SiteMaker:
         for i, (given, snapped) in enumerate(zip(points, ways.sites[:-1], strict=True)):
             self._check_site(given, snapped, point_keys(i), f"path point {i}")
             if not np.isfinite(ways.distance_m[i, -1]):
-                what = f"path point {i} at {_at(given)} cannot be reached by road from the depot; move it or join the roads"
+                what = (
+                    f"path point {i} at {_at(given)} cannot be reached by road from the depot; move it, or join roads"
+                )
                 raise self.document.error(what, point_keys(i))
         slots = best_turn(self.slots, lambda offset: self._off_road_m(ways, offset))
         self._check_parks(ways, slots, point_keys)
@@ -118,7 +120,9 @@ class SiteMaker:
         assert section.random is not None
         region = self.region(0.0)
         if region.is_empty:
-            raise self.document.error("the map and the geofence have nothing in common; check arena", ("tasks", "random"))
+            raise self.document.error(
+                "the map and the geofence have nothing in common; check arena", ("tasks", "random")
+            )
         seed = section.random.seed if section.random.seed is not None else self.config.seed
         try:
             tasks = draw_tasks(section.random.count, seed, region, sites, section.max_distance_m)
@@ -138,8 +142,8 @@ class SiteMaker:
             raise self.document.error(f"{text}; move it to a road", key)
         if not shapely.covers(self.region(self.slots.reach_m), shapely.Point(snapped)):
             text = (
-                f"{what} at {_at(given)} lies outside the geofence or too close to it: landing and stopping places reach "
-                f"{self.slots.reach_m:.3g} m (arena) around it, inside arena.soft_margin_m; move it or enlarge the geofence"
+                f"{what} at {_at(given)} lies outside the geofence or too close to it: places to land and stop reach "
+                f"{self.slots.reach_m:.3g} m (arena) around it, within arena.soft_margin_m; move it or widen the fence"
             )
             raise self.document.error(text, key)
 
@@ -160,9 +164,10 @@ class SiteMaker:
             worst = max((ways.offset_m(self._place(site, park)) for park in slots.parks), default=0.0)
             if worst > 2 * image.resolution_m:
                 at_depot = i == len(ways.sites) - 1
+                name = "the depot" if at_depot else f"path point {i}"
                 text = (
-                    f"{'the depot' if at_depot else f'path point {i}'} at {_at(site)} has no room for all UGVs side by side: one "
-                    f"would stand {worst:.3g} m from where it may be (map.clearance_m); move it, or reduce separation.ugv_m"
+                    f"{name} at {_at(site)} has no room for all UGVs side by side: "
+                    f"one would stand {worst:.3g} m from where it may be (map.clearance_m); move it"
                 )
                 raise self.document.error(text, ("depot",) if at_depot else keys(i))
 
@@ -181,20 +186,20 @@ class SiteMaker:
                 if (gaps and min(gaps) < limit - 1e-9) or apart[i, j] < 1e-6:
                     other = "the depot" if j == len(sites) - 1 else f"path point {j}"
                     text = (
-                        f"path point {i} at {_at(sites[i])} is {apart[i, j]:.4g} m (world) from {other}, so vehicles at both "
-                        f"would be closer than {limit:g} m (arena); move or remove one"
+                        f"path point {i} at {_at(sites[i])} is {apart[i, j]:.4g} m (world) from {other}, so vehicles "
+                        f"at both would be closer than {limit:g} m (arena); move or remove one"
                     )
                     raise self.document.error(text, keys(int(i)))
 
-    def _check_tasks(
-        self, tasks: Array, names: tuple[str, ...], sites: Array, keys: Callable[[int], KeyPath]
-    ) -> None:
+    def _check_tasks(self, tasks: Array, names: tuple[str, ...], sites: Array, keys: Callable[[int], KeyPath]) -> None:
         x0, y0, x1, y1 = self.map_.geometry.bounds
         outside = (tasks[:, 0] < x0) | (tasks[:, 0] > x1) | (tasks[:, 1] < y0) | (tasks[:, 1] > y1)
         if outside.any():
             i = int(np.argmax(outside))
             box = f"x {x0:g} to {x1:g} m, y {y0:g} to {y1:g} m"
-            raise self.document.error(f"task {names[i]} at {_at(tasks[i])} is outside the map ({box}); move it", keys(i))
+            raise self.document.error(
+                f"task {names[i]} at {_at(tasks[i])} is outside the map ({box}); move it", keys(i)
+            )
         inside = shapely.intersects_xy(self.region(0.0), tasks[:, 0], tasks[:, 1])
         if not inside.all():
             i = int(np.argmin(inside))

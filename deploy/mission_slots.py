@@ -50,7 +50,9 @@ def make_slots(n_uavs: int, docks: Sequence[Sequence[Vec2]], pad_spacing_m: floa
     """
     radius = [max((math.hypot(*dock) for dock in own), default=0.0) for own in docks]
     # Two UAVs may dock at two UGVs side by side, too.
-    parking_m = max([parking_spacing_m, *(pad_spacing_m + 2 * r for r in radius)]) if len(docks) > 1 else parking_spacing_m
+    parking_m = (
+        max([parking_spacing_m, *(pad_spacing_m + 2 * r for r in radius)]) if len(docks) > 1 else parking_spacing_m
+    )
     parks: list[Vec2] = []
     if len(docks) <= _ROW:
         middle = (len(docks) - 1) / 2

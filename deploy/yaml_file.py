@@ -84,7 +84,9 @@ def read_bytes(path: Path, max_bytes: int, role: str) -> bytes:
         raise InputError(f"this is a folder, not a {role}; name the file in it", file=path) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise InputError(f"this {role} cannot be read ({reason}); check the path and its permissions", file=path) from None
+        raise InputError(
+            f"this {role} cannot be read ({reason}); check the path and its permissions", file=path
+        ) from None
     if len(raw) > max_bytes:
         raise InputError(f"this {role} is larger than {max_bytes} bytes; give a smaller one", file=path)
     return raw
@@ -131,7 +133,9 @@ def parse_yaml(raw: bytes, path: Path, role: str) -> Document:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or getattr(error, "reason", None) or str(error)
         line = mark.line + 1 if mark is not None else None
-        raise InputError(f"this is not YAML: {problem}; mend the indentation or the quotes", file=path, line=line) from None
+        raise InputError(
+            f"this is not YAML: {problem}; mend the indentation or the quotes", file=path, line=line
+        ) from None
     if data is None:
         raise InputError(f"this {role} is empty; start from one in mission_configs/", file=path)
     if not isinstance(data, dict):
@@ -180,7 +184,9 @@ class _Builder:
                     raise self._error("a second document begins here; keep one document in a file")
             elif isinstance(event, yaml.AliasEvent):
                 if event.anchor not in self._anchors:
-                    raise self._error(f"alias *{event.anchor} refers to nothing before it, or to itself; write the value out")
+                    raise self._error(
+                        f"alias *{event.anchor} refers to nothing before it, or to itself; write the value out"
+                    )
                 value, size, height = self._anchors[event.anchor]
                 self._count(size)
                 self._deepen(stack, height)
@@ -249,7 +255,9 @@ class _Builder:
     def _count(self, n: int) -> None:
         self._values += n
         if self._values > MAX_VALUES:
-            raise self._error(f"holds or expands to more than {MAX_VALUES} values; put long lists in a CSV or GeoJSON file")
+            raise self._error(
+                f"holds or expands to more than {MAX_VALUES} values; put long lists in a CSV or GeoJSON file"
+            )
 
     def _refuse_tag(self, tag: str | None) -> None:
         if tag is not None and tag not in ("!", "tag:yaml.org,2002:str"):

@@ -52,7 +52,9 @@ class OccupancyRoads:
         self._room_m: Array = ndimage.distance_transform_edt(rim)[1:-1, 1:-1] * resolution_m - 0.5 * resolution_m
         self._open: NDArray[np.bool_] = free & (self._room_m >= clearance_m)
         if not self._open.any():
-            raise RoadError(f"nowhere on the map is {clearance_m:g} m of clearance; give less, or a map with wider ways")
+            raise RoadError(
+                f"nowhere on the map is {clearance_m:g} m of clearance; give less, or a map with wider ways"
+            )
         away, nearest = ndimage.distance_transform_edt(~self._open, return_indices=True)
         self._away_m: Array = away * resolution_m
         self._nearest: NDArray[np.int32] = nearest
@@ -155,7 +157,7 @@ class OccupancyRoads:
 
     def _between(self) -> Array:
         n = len(self._sites)
-        distance = np.array([self.distances_from((float(x), float(y))) for x, y in self._sites]).reshape(n, n)
+        distance: Array = np.array([self.distances_from((float(x), float(y))) for x, y in self._sites]).reshape(n, n)
         distance = np.minimum(distance, distance.T)
         distance[np.arange(n), np.arange(n)] = 0.0
         return distance

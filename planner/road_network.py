@@ -1,4 +1,4 @@
-"""Roads given as lines: crossings become nodes, sites are moved onto the nearest road, shortest paths are precomputed."""
+"""Roads given as lines: crossings become nodes, sites move onto the nearest road, shortest paths are precomputed."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class RoadNetwork:
         start, end = self._nodes[self._edges[:, 0]], self._nodes[self._edges[:, 1]]
         self._start, self._along = start, end - start
         self._length = np.hypot(self._along[:, 0], self._along[:, 1])
-        self._tree = shapely.STRtree(shapely.linestrings(np.stack([start, end], axis=1)))
+        self._tree = shapely.STRtree(np.asarray(shapely.linestrings(np.stack([start, end], axis=1))))
         self._cost, self._before = self._shortest()
         n = len(snapped)
         between = self._cost[:, self._site_nodes]
@@ -78,7 +78,7 @@ class RoadNetwork:
         if len(offset) and offset[worst] > max_offset_m:
             x, y = sites[worst]
             raise RoadError(
-                f"site {worst} at ({x:g}, {y:g}) is {offset[worst]:.1f} m from the nearest road, {max_offset_m:g} m are allowed"
+                f"site {worst} at ({x:g}, {y:g}) is {offset[worst]:.1f} m from any road, {max_offset_m:g} m are allowed"
             )
         return cls(nodes, edges, sites)
 
@@ -173,7 +173,7 @@ def _snap_all(nodes: Array, edges: NDArray[np.int64], points: Array) -> tuple[Ar
     """Nearest place on the roads to each point: position (n, 2), edge (n,) and distance (n,)."""
     if len(points) == 0:
         return points, np.zeros(0, dtype=np.int64), np.zeros(0)
-    pieces = shapely.linestrings(nodes[edges])
+    pieces = np.asarray(shapely.linestrings(nodes[edges]))
     piece = np.asarray(shapely.STRtree(pieces).nearest(shapely.points(points)), dtype=np.int64)
     start, along = nodes[edges[piece, 0]], nodes[edges[piece, 1]] - nodes[edges[piece, 0]]
     t = np.clip(((points - start) * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)

@@ -1,7 +1,8 @@
-"""Draws the maps of this folder, always the same ones: ``python mission_configs/maps/make_maps.py``.
+"""Draws the maps of this folder, always the same ones: ``python make_maps.py``.
 
-``rural.geojson``: 10 km x 10 km, metres. ``farm.geojson``: about 1.6 km x 1.4 km, degrees (a place that does not exist).
-``city_block.pgm`` and ``.yaml``: 400 m x 300 m, one pixel a metre. With ``--pictures DIR`` it draws them as PNG as well.
+``rural.geojson``: 10 km x 10 km, metres. ``farm.geojson``: about 1.6 km x 1.4 km, degrees (an invented
+place). ``city_block.pgm`` and ``.yaml``: 400 m x 300 m, one pixel a metre. With ``--pictures DIR``
+it draws them as PNG as well.
 """
 
 from __future__ import annotations
@@ -84,7 +85,9 @@ def river(rng: np.random.Generator, start: Array, end: Array, width: float) -> s
 
 def gabriel(points: Array) -> list[tuple[int, int]]:
     """Edges between neighbours with nobody in between: how country roads connect villages."""
-    edges = {tuple(sorted((int(t[i]), int(t[j])))) for t in Delaunay(points).simplices for i, j in ((0, 1), (1, 2), (0, 2))}
+    edges = {
+        tuple(sorted((int(t[i]), int(t[j])))) for t in Delaunay(points).simplices for i, j in ((0, 1), (1, 2), (0, 2))
+    }
     kept = []
     for a, b in sorted(edges):
         middle, radius = 0.5 * (points[a] + points[b]), 0.5 * np.hypot(*(points[a] - points[b]))
@@ -119,7 +122,9 @@ def rural() -> Land:
     box = shapely.box(0, 0, land.width, land.height)
     main = river(rng, np.array([1800.0, 10_300]), np.array([10_300.0, 2600]), 90)
     side = river(rng, np.array([-300.0, 4300]), np.array([4080.0, 6720]), 45)
-    lakes = [blob(rng, np.array(c), r, 0.16) for c, r in (((7900, 7800), 620), ((2300, 2500), 430), ((5300, 5350), 300))]
+    lakes = [
+        blob(rng, np.array(c), r, 0.16) for c, r in (((7900, 7800), 620), ((2300, 2500), 430), ((5300, 5350), 300))
+    ]
     wet = shapely.unary_union([main, side, *lakes]).intersection(box)
     land.water = [p for p in shapely.get_parts(wet) if p.area > 2000]
     villages = scatter(rng, land, 1250, 350)
@@ -139,7 +144,9 @@ def rural() -> Land:
                 houses(rng, land, road, int(rng.integers(3, 9)), (34, 70), v)
     streets = shapely.unary_union([shapely.LineString(r).buffer(60) for r in land.roads])
     for c in scatter(rng, land, 1500, 200):
-        shape = blob(rng, c, rng.uniform(250, 560), 0.2).difference(streets).difference(wet.buffer(40)).intersection(box)
+        shape = (
+            blob(rng, c, rng.uniform(250, 560), 0.2).difference(streets).difference(wet.buffer(40)).intersection(box)
+        )
         land.wood += [p.simplify(8) for p in shapely.get_parts(shape) if p.area > 40_000]
     return land
 
@@ -157,7 +164,15 @@ def farm() -> Land:
     ys = [100, 420, 740, 1030, 1300]
     knots = {(i, j): np.array([x, y]) + rng.normal(0, 42, 2) for i, x in enumerate(xs) for j, y in enumerate(ys)}
     knots = {k: np.clip(p, 60, (1540, 1340)) for k, p in knots.items()}
-    dropped = {((0, 0), (1, 0)), ((3, 0), (3, 1)), ((3, 0), (4, 0)), ((1, 3), (2, 3)), ((4, 2), (4, 3)), ((0, 3), (0, 4)), ((2, 1), (2, 2))}
+    dropped = {
+        ((0, 0), (1, 0)),
+        ((3, 0), (3, 1)),
+        ((3, 0), (4, 0)),
+        ((1, 3), (2, 3)),
+        ((4, 2), (4, 3)),
+        ((0, 3), (0, 4)),
+        ((2, 1), (2, 2)),
+    }
     for (i, j), p in knots.items():
         for other in ((i + 1, j), (i, j + 1)):
             if other in knots and ((i, j), other) not in dropped:
@@ -237,13 +252,21 @@ def write_geojson(path: Path, land: Land, geographic: bool) -> None:
         return [[round(float(x), 7 if geographic else 1), round(float(y), 7 if geographic else 1)] for x, y in points]
 
     features = []
-    for kind, shapes in (("field", land.fields), ("wood", land.wood), ("water", land.water), ("building", land.buildings)):
+    for kind, shapes in (
+        ("field", land.fields),
+        ("wood", land.wood),
+        ("water", land.water),
+        ("building", land.buildings),
+    ):
         for shape in shapes:
             rings = [np.array(r.coords) for r in (shape.exterior, *shape.interiors)]
             features.append((kind, "Polygon", [numbers(r) for r in rings]))
     features += [("road", "LineString", numbers(road)) for road in land.roads]
     lines = [
-        json.dumps({"type": "Feature", "properties": {"kind": k}, "geometry": {"type": g, "coordinates": c}}, separators=(",", ":"))
+        json.dumps(
+            {"type": "Feature", "properties": {"kind": k}, "geometry": {"type": g, "coordinates": c}},
+            separators=(",", ":"),
+        )
         for k, g, c in features
     ]
     corners = numbers(np.array([[0, 0], [land.width, land.height]]))
@@ -258,7 +281,12 @@ def picture(land: Land, path: Path) -> None:
 
     figure, axes = plt.subplots(figsize=(10, 10 * land.height / land.width))
     axes.set_facecolor("#f3f1ea")
-    for shapes, colour in ((land.fields, "#e9e4c9"), (land.wood, "#cfe0c3"), (land.water, "#a9cfe6"), (land.buildings, "#9a8f86")):
+    for shapes, colour in (
+        (land.fields, "#e9e4c9"),
+        (land.wood, "#cfe0c3"),
+        (land.water, "#a9cfe6"),
+        (land.buildings, "#9a8f86"),
+    ):
         for shape in shapes:
             axes.fill(*np.array(shape.exterior.coords).T, color=colour, linewidth=0)
             for hole in shape.interiors:
@@ -293,7 +321,9 @@ def main() -> None:
         arguments.pictures.mkdir(parents=True, exist_ok=True)
         for name, land in lands.items():
             picture(land, arguments.pictures / f"{name}.png")
-        Image.fromarray(city()).resize((1200, 900), Image.Resampling.NEAREST).save(arguments.pictures / "city_block.png")
+        Image.fromarray(city()).resize((1200, 900), Image.Resampling.NEAREST).save(
+            arguments.pictures / "city_block.png"
+        )
 
 
 if __name__ == "__main__":
