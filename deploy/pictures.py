@@ -37,7 +37,7 @@ from planner.roads import Roads
 
 __all__ = ["MapDrawing", "plan_picture", "run_figure", "run_picture", "to_svg"]
 
-INK, FAINT = "#2B2B2B", "#8A8A8A"
+INK, FAINT, ALARM = "#2B2B2B", "#8A8A8A", "#C1121F"
 STYLE: Any = {
     "font.size": 9,
     "font.family": "DejaVu Sans",
@@ -86,7 +86,7 @@ def plan_picture(
     """
     with mpl.rc_context(STYLE):
         drawing = drawing or _bare(problem)
-        figure = new_figure(7.4, 8.0)
+        figure = new_figure(7.4, _height(drawing, 7.4))
         axes = figure.add_subplot()
         unit = draw_map(axes, drawing)
         colours = vehicle_colours(problem)
@@ -131,15 +131,15 @@ def save(figure: Figure, path: Path) -> None:
         raise DeployError(f"{path}: cannot write the picture: {error}; give a .png or .svg file") from error
 
 
-def run_figure(history: History, drawing: MapDrawing) -> Figure:
+def run_figure(history: History, drawing: MapDrawing, width_in: float = 7.4) -> Figure:
     """The map with the first plan (dashed) and what was flown and driven (solid)."""
     with mpl.rc_context(STYLE):
-        figure = new_figure(7.4, 8.0)
+        figure = new_figure(width_in, _height(drawing, width_in))
         axes = figure.add_subplot()
         unit = draw_map(axes, drawing)
         problem = history.settings.problem
         colours = vehicle_colours(problem)
-        _draw_fence(axes, history, drawing, unit)
+        fenced = _draw_fence(axes, history, drawing, unit)
         paths: Sequence[PlannedPath] = ()
         if history.plans:
             first = history.plans[0]
@@ -170,8 +170,10 @@ def run_figure(history: History, drawing: MapDrawing) -> Figure:
             Line2D([], [], color=FAINT, lw=1.1, ls=(0, (4, 2.5)), label="first plan"),
             *_site_handles(bool(spots)),
         ]
+        if fenced:
+            handles.append(Line2D([], [], color=ALARM, lw=1.0, ls=":", label="geofence"))
         if len(by) < problem.n_tasks:
-            handles.append(_disc("white", "#C1121F", "task not visited"))
+            handles.append(_disc("white", ALARM, "task not visited"))
         _label_and_legend(axes, labels, problem, unit, handles)
     return figure
 
@@ -225,7 +227,7 @@ def draw_tasks(axes: Axes, problem: Problem, unit: float, colour_of: Mapping[int
     size = 120 if problem.n_tasks <= 60 else 40
     for task, (x, y) in enumerate(problem.tasks / unit):
         colour = colour_of.get(task)
-        face, edge, ink = (colour, "white", "white") if colour else ("white", "#C1121F", "#C1121F")
+        face, edge, ink = (colour, "white", "white") if colour else ("white", ALARM, ALARM)
         axes.scatter([x], [y], s=size, facecolor=face, edgecolor=edge, linewidth=1.2, zorder=8)
         if size > 100:
             axes.text(
@@ -262,18 +264,21 @@ def _draw_line(axes: Axes, points: Array, colour: str, kind: str) -> None:
     axes.plot(*points.T, color=colour, lw=width, zorder=z, path_effects=stroke, solid_joinstyle="round")
 
 
-def _draw_fence(axes: Axes, history: History, drawing: MapDrawing, unit: float) -> None:
+def _draw_fence(axes: Axes, history: History, drawing: MapDrawing, unit: float) -> bool:
+    """Draws the geofence and says whether it is within the picture."""
     to_world = history.settings.frame.to_world
     ring = np.array([to_world(p) for p in history.settings.geofence.polygon_m])
     x0, x1, y0, y1 = drawing.extent
-    if (
-        len(ring)
-        and x0 <= ring[:, 0].min()
-        and ring[:, 0].max() <= x1
-        and y0 <= ring[:, 1].min()
-        and ring[:, 1].max() <= y1
-    ):
-        axes.add_patch(Polygon(ring / unit, closed=True, fill=False, edgecolor="#C1121F", lw=1.0, ls=":", zorder=3))
+    inside = (ring >= (x0, y0)).all(axis=1) & (ring <= (x1, y1)).all(axis=1)
+    if not inside.all():
+        return False
+    axes.add_patch(Polygon(ring / unit, closed=True, fill=False, edgecolor=ALARM, lw=1.0, ls=":", zorder=3))
+    return True
+
+
+def _height(drawing: MapDrawing, width_in: float) -> float:
+    x0, x1, y0, y1 = drawing.extent
+    return float(min(1.6, (y1 - y0) / (x1 - x0)) * (width_in - 0.6) + 1.2)
 
 
 def _thin(points: Array, tolerance_m: float) -> Array:

@@ -12,9 +12,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
+from matplotlib.ticker import NullLocator
 
 from deploy.drawing import Array, vehicle_colours
-from deploy.pictures import FAINT, INK, RECHARGE, STYLE, new_figure
+from deploy.pictures import ALARM, FAINT, INK, RECHARGE, STYLE, new_figure
 from deploy.recording_read import Adopted
 from deploy.report_history import History, phase_spans
 from deploy.report_safety import both_airborne, pair_distance_m
@@ -22,7 +23,6 @@ from deploy.state import AIRBORNE, UavPhase, UgvPhase
 from planner.plan import Move, Recharge, Visit
 
 WIDTH_IN = 11.4
-ALARM = "#C1121F"
 WAITING = "#C9C9C9"
 POINTS = 1500  # more than the page has pixels adds only bytes
 
@@ -72,7 +72,7 @@ def energy(history: History) -> Figure:
         n = history.n_uavs
         columns = 1 if n <= 4 else 2
         rows = -(-n // columns)
-        figure = new_figure(WIDTH_IN, 0.9 + 1.45 * rows)
+        figure = new_figure(WIDTH_IN, 0.9 + 1.6 * rows)
         grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
         colours = vehicle_colours(history.settings.problem)
         t, keep = history.mission_s / 60, _spread(len(history.mission_s))
@@ -89,7 +89,7 @@ def energy(history: History) -> Figure:
             _replans(axes, history)
             _finish(axes)
             axes.set_ylabel("energy, kJ")
-            _name(axes, uav.id, colours[uav.id])
+            axes.set_title(uav.id, loc="left", pad=3, fontsize=9.5, color=colours[uav.id], weight="bold")
         for axes in grid[-1]:
             axes.set_xlabel("mission time, min")
         for u in range(n, rows * columns):
@@ -124,11 +124,13 @@ def flight(history: History) -> Figure:
             limits = history.settings.separation
             flat, steep = _nearest(history, pairs)
             axes.plot(
-                t[: len(flat)], flat, color="#5B6C8F", lw=1.4, label="horizontal distance of the nearest two in the air"
+                t[: len(flat)], flat, color="#5B6C8F", lw=1.4, label="horizontal distance, nearest two in the air"
             )
-            axes.scatter(t[: len(steep)], steep, s=7, color=INK, zorder=4, label="of these on one level (downwash)")
+            axes.scatter(t[: len(steep)], steep, s=7, color=INK, zorder=4, label="on one level (downwash)")
             axes.axhline(limits.horizontal_m, color=ALARM, lw=1.0, label="least allowed on one level")
             axes.set_yscale("log")
+            axes.yaxis.set_major_formatter("{x:g}")
+            axes.yaxis.set_minor_locator(NullLocator())
             axes.set_ylim(bottom=limits.horizontal_m / 3)
             axes.set_ylabel("distance, m")
         for axes in grid:
@@ -136,7 +138,7 @@ def flight(history: History) -> Figure:
             _replans(axes, history)
             _finish(axes)
         grid[-1].set_xlabel("mission time, min")
-        figure.legend(loc="outside lower center", ncols=5, frameon=False, fontsize=8.5)
+        figure.legend(loc="outside lower center", ncols=6, frameon=False, fontsize=8.5)
     return figure
 
 
@@ -245,13 +247,6 @@ def _replans(axes: Axes, history: History, label: bool = False) -> None:
                 textcoords="offset points", va="top", fontsize=7.5, color=ALARM,
                 path_effects=[withStroke(linewidth=2, foreground="white")],
             )  # fmt: skip
-
-
-def _name(axes: Axes, text: str, colour: str) -> None:
-    axes.text(
-        0.006, 0.06, text, transform=axes.transAxes, color=colour, weight="bold", fontsize=10,
-        path_effects=[withStroke(linewidth=2.5, foreground="white")],
-    )  # fmt: skip
 
 
 def _finish(axes: Axes) -> None:

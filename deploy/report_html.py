@@ -45,7 +45,7 @@ def page(report: Report, history: History, drawing: MapDrawing) -> str:
         colours=vehicle_colours(history.settings.problem),
         arena_scale=history.settings.frame.scale,
         separation=history.settings.separation,
-        map=_svg(pictures.run_figure(history, drawing)),
+        map=_svg(pictures.run_figure(history, drawing, width_in=6.2)),
         gantt=_svg(report_charts.gantt(history)),
         energy=_svg(report_charts.energy(history)),
         flight=_svg(report_charts.flight(history)),
@@ -96,7 +96,8 @@ def kj(joules: float | None) -> str:
     """An energy, in kJ or MJ."""
     if joules is None:
         return "–"
-    return f"{joules / 1e6:.2f} MJ" if abs(joules) >= 1e6 else f"{joules / 1e3:.1f} kJ"
+    text = f"{joules / 1e6:.2f} MJ" if abs(joules) >= 1e6 else f"{joules / 1e3:.1f} kJ"
+    return text.replace("-", "−")
 
 
 def words(name: str) -> str:
