@@ -7,10 +7,12 @@ import sys
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager
 from typing import Protocol, TextIO
 
 from rich.console import Console
 from rich.live import Live
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from deploy.events import Event, Severity
 from deploy.screen import Header, clock_text, render
@@ -36,6 +38,10 @@ class Display(Protocol):
         """Something outside the flight itself: planning, checks, where files went."""
         ...
 
+    def working(self, text: str) -> AbstractContextManager[object]:
+        """Something outside the flight that takes a while."""
+        ...
+
     def begin(self, header: Header) -> None:
         """The flight begins."""
         ...
@@ -58,6 +64,10 @@ class NullDisplay:
 
     def note(self, text: str) -> None:
         """Nothing."""
+
+    def working(self, text: str) -> AbstractContextManager[object]:
+        """Nothing."""
+        return contextlib.nullcontext()
 
     def begin(self, header: Header) -> None:
         """Nothing."""
@@ -88,6 +98,10 @@ class PlainDisplay:
     def note(self, text: str) -> None:
         """One line."""
         self._print(text)
+
+    def working(self, text: str) -> AbstractContextManager[object]:
+        """Nothing: who reads lines wants results."""
+        return contextlib.nullcontext()
 
     def begin(self, header: Header) -> None:
         """One line that says what is flown."""
@@ -134,6 +148,13 @@ class LiveDisplay:
         """One line above the screen."""
         with _harmless():
             self._console.print(text, style="dim", highlight=False, markup=False)
+
+    def working(self, text: str) -> AbstractContextManager[object]:
+        """A line that moves, gone when it is done."""
+        columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+        progress = Progress(*columns, console=self._console, transient=True)
+        progress.add_task(text, total=None)
+        return progress
 
     def begin(self, header: Header) -> None:
         """Opens the screen."""

@@ -23,7 +23,18 @@ GIVE_UP_S = 5.0
 
 
 class Operator(Protocol):
-    """Where the loop reads the operator's wishes from."""
+    """Where the loop reads the operator's wishes from; a context manager that is open during the flight."""
+
+    wished: set[Wish]
+    """Everything wished so far."""
+
+    def __enter__(self) -> Self:
+        """The flight begins."""
+        ...
+
+    def __exit__(self, *error: object) -> None:
+        """It is over."""
+        ...
 
     def attach(self, clock: Clock) -> None:
         """Tells the clock of the flight that begins; called once, before the first ``poll``."""
@@ -34,7 +45,18 @@ class Operator(Protocol):
         ...
 
 
-class QueueOperator:
+class _Open:
+    """Nothing to open and to close."""
+
+    def __enter__(self) -> Self:
+        """The flight begins."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """It is over."""
+
+
+class QueueOperator(_Open):
     """Wishes from any thread or signal handler, in the order they came."""
 
     def __init__(self) -> None:
@@ -116,7 +138,7 @@ class SignalOperator(QueueOperator):
             self._say(f"{signal.Signals(number).name}: holding, then bringing everybody down")
 
 
-class ScriptedOperator:
+class ScriptedOperator(_Open):
     """Wishes at given times of the loop's clock, for tests and rehearsals.
 
     Args:

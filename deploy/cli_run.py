@@ -1,0 +1,198 @@
+"""``copcs-deploy run``, ``check``, ``replay`` and ``report``."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import orjson
+from rich.table import Table
+from rich.text import Text
+
+from deploy.backends import require
+from deploy.check_report import CheckReport, CheckRow, Verdict
+from deploy.cli_common import DONE, FAILED, duration_text, print_json, show_rows, working
+from deploy.display import SteadyConsole, make_display
+from deploy.errors import InputError
+from deploy.map_drawing import drawing_of
+from deploy.operator import SignalOperator
+from deploy.planning_settings import load_with
+from deploy.replay import mission_of
+from deploy.replay import replay as replay_run
+from deploy.report import Report, make
+from deploy.run_folder import REPORT_HTML, REPORT_JSON
+from deploy.session import RunResult, plan_and_check, run_mission
+
+_STYLE = {Verdict.PASS: "green", Verdict.WARN: "yellow", Verdict.FAIL: "bold red", Verdict.NOT_RUN: "dim"}
+
+
+def run(
+    mission_file: Path,
+    *,
+    backend: str,
+    sim: str,
+    dry_run: bool,
+    planner: str | None,
+    seed: int | None,
+    out: Path | None,
+    as_json: bool,
+) -> int:
+    """Flies a mission; see ``cli.run``."""
+    require(backend, sim)
+    mission = load_with(mission_file, planner, seed)
+    display = make_display(quiet=as_json)
+    result = run_mission(
+        mission,
+        out=out,
+        backend=backend,
+        sim=sim,
+        dry_run=dry_run,
+        display=display,
+        operator=SignalOperator(display.note),
+        command=shlex.join(["copcs-deploy", *sys.argv[1:]]),
+    )
+    if as_json:
+        print_json(_run_json(result))
+    elif result.report is None:
+        show_checks(result.checks)
+        _say_why_not(result)
+    else:
+        show_report(result.report, result.folder)
+    if result.recording_failure is not None:
+        print(f"error: the recording is not complete: {result.recording_failure}", file=sys.stderr)
+    return result.exit_code
+
+
+def _say_why_not(result: RunResult) -> None:
+    if result.kind == "refused":
+        names = ", ".join(row.name for row in result.checks.failures)
+        print(f"error: not armed, since these checks failed: {names}", file=sys.stderr)
+    elif result.kind == "dry run":
+        print("dry run: nothing was armed")
+
+
+def _run_json(result: RunResult) -> dict[str, object]:
+    report = None if result.report is None else orjson.loads(result.report.to_json())
+    return {
+        "outcome": result.kind,
+        "exit_code": result.exit_code,
+        "folder": None if result.folder is None else str(result.folder),
+        "recording_failure": result.recording_failure,
+        "checks": result.checks.to_json(),
+        "report": report,
+    }
+
+
+def check(mission_file: Path, *, planner: str | None, seed: int | None, as_json: bool) -> int:
+    """Plans and checks a mission; see ``cli.check``."""
+    mission = load_with(mission_file, planner, seed)
+    _, checks = plan_and_check(mission, make_display(quiet=as_json))
+    if as_json:
+        print_json(checks.to_json())
+    else:
+        show_checks(checks)
+    return DONE if checks.passed else FAILED
+
+
+def show_checks(checks: CheckReport) -> None:
+    """The checks as a table in a terminal, as lines elsewhere."""
+    console = SteadyConsole()
+    if not console.is_terminal:
+        for row in checks.rows:
+            print(f"{row.verdict.value:<8} {row.group}: {row.name:<20} {_measured(row):<16} {row.text}")
+        print(checks.summary)
+        return
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim", expand=False)
+    for name in ("check", "", "measured", "limit"):
+        table.add_column(name, no_wrap=True, justify="right" if name in ("measured", "limit") else "left")
+    table.add_column("what it means", overflow="fold")
+    group = ""
+    for row in checks.rows:
+        if row.group != group:
+            group = row.group
+            table.add_row(Text(group, style="bold"))
+        limit = "" if row.limit is None else f"{row.limit:.4g}"
+        verdict = Text(row.verdict.value, style=_STYLE[row.verdict])
+        table.add_row(f"  {row.name}", verdict, _measured(row), limit, Text(row.text, style="dim"))
+    console.print(table)
+    console.print(checks.summary, style="green" if checks.passed else "bold red", highlight=False)
+
+
+def _measured(row: CheckRow) -> str:
+    return "" if row.measured is None else f"{row.measured:.4g} {row.unit}".rstrip()
+
+
+def replay(folder: Path, *, as_json: bool) -> int:
+    """Replays a run; see ``cli.replay``."""
+    with working("replaying", quiet=as_json):
+        result = replay_run(_folder(folder))
+    if as_json:
+        difference = None if result.difference is None else asdict(result.difference)
+        print_json({**asdict(result), "identical": result.identical, "difference": difference})
+        return DONE if result.identical else FAILED
+    counted = f"{result.turns} turns, {result.commands} commands"
+    if result.truncated:
+        print("the recording breaks off; everything that is there was replayed")
+    if result.difference is None:
+        print(f"identical: {counted}")
+        return DONE
+    print(f"different: {result.difference}")
+    if result.other_versions:
+        changed = ", ".join(f"{name} {then} -> {now}" for name, (then, now) in result.other_versions.items())
+        print(f"it was recorded with other versions: {changed}")
+    return FAILED
+
+
+def report(folder: Path, *, as_json: bool) -> int:
+    """Writes a run's report again; see ``cli.report``."""
+    mission = mission_of(_folder(folder))
+    with working("writing the report", quiet=as_json):
+        made = make(folder, mission.settings, drawing_of(mission.geometry))
+    if as_json:
+        sys.stdout.write(made.to_json().decode())
+    else:
+        show_report(made, folder)
+    return DONE
+
+
+def _folder(folder: Path) -> Path:
+    if not folder.is_dir():
+        raise InputError("is no folder; give the folder of a run", file=folder)
+    return folder
+
+
+def show_report(made: Report, folder: Path | None) -> None:
+    """A report's summary for people."""
+    rows = [
+        ("outcome", made.outcome),
+        ("tasks", f"{made.tasks_visited} of {made.tasks_total}"),
+        ("makespan", f"{duration_text(made.makespan_actual_s)} (planned {duration_text(made.makespan_planned_s)})"),
+        ("energy of UAVs, UGVs", f"{_mega(made.uav_energy_j)}, {_mega(made.ugv_energy_j)}"),
+        ("recharges, replans", f"{made.recharges}, {len(made.replans)}"),
+        ("least separation", _least(made.min_separation_m, "m")),
+        ("least energy margin", _least(made.min_energy_margin_j, "kJ", 1e-3)),
+        ("safety violations", str(len(made.safety_violations)) if made.safety_violations else "none"),
+    ]
+    rows += [("", f"{v.kind} at {duration_text(v.start_s)}: {v.text}") for v in made.safety_violations[:5]]
+    if folder is not None:
+        rows += [("report", _path(folder / REPORT_HTML)), ("numbers", _path(folder / REPORT_JSON))]
+    show_rows(rows)
+
+
+def _path(path: Path) -> str:
+    return os.path.relpath(path)
+
+
+def _mega(value: float | None) -> str:
+    return "-" if value is None else f"{value / 1e6:.2f} MJ"
+
+
+def _least(value: float | None, unit: str, factor: float = 1.0) -> str:
+    return "-" if value is None else f"{value * factor:.3g} {unit}"
+
+
+__all__: Sequence[str] = ["check", "replay", "report", "run", "show_checks", "show_report"]

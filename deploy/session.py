@@ -1,0 +1,214 @@
+"""A whole run: plan, check, connect, arm, fly, report. Used by the command line, tests and benchmarks alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from deploy import run_folder
+from deploy.backends import Fleet, connect, require
+from deploy.check_report import CheckReport
+from deploy.checks import check
+from deploy.display import Display, NullDisplay
+from deploy.errors import DeployError
+from deploy.map_drawing import drawing_of
+from deploy.mission import Mission
+from deploy.mission_copy import save_copy
+from deploy.operator import Operator, ScriptedOperator
+from deploy.planning import InlinePlanner, Planner, ProcessPlanner
+from deploy.planning_settings import first_plan, replanning
+from deploy.recording import Recorder, RunMeta
+from deploy.report import Report, make
+from deploy.runner import Outcome, fly
+from deploy.screen import Header, clock_text
+from deploy.watch import Watch
+from planner.plan import Plan
+from planner.solve import solve
+from sim_backends.truth import Truth
+
+CONNECT_S = 30.0
+"""Within so long, on the loop's clock, every vehicle must answer."""
+PATIENCE = 4.0
+"""A mission that takes so many times its planned makespan, and an hour, is broken off: everybody comes down."""
+
+Kind = Literal["done", "failed", "aborted", "refused", "dry run"]
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """What came of a run.
+
+    Attributes:
+        kind: ``done``; ``failed``; ``aborted`` by the operator; ``refused``, since a check failed; ``dry run``.
+        plan, checks: before the flight.
+        folder: of the run; None where nothing was flown.
+        report: None where nothing was flown, or none was wanted.
+        outcome: of the loop.
+        truth: the simulated world's own audit; None where nobody knows.
+        recording_failure: why the recording is not complete.
+    """
+
+    kind: Kind
+    plan: Plan
+    checks: CheckReport
+    folder: Path | None = None
+    report: Report | None = None
+    outcome: Outcome | None = None
+    truth: Truth | None = None
+    recording_failure: str | None = None
+
+    @property
+    def exit_code(self) -> int:
+        """0 done or passed, 1 the mission or a check failed, 3 aborted by the operator."""
+        if self.kind == "aborted":
+            return 3
+        good = self.kind == "done" or (self.kind == "dry run" and self.checks.passed)
+        return 0 if good and self.recording_failure is None else 1
+
+
+def plan_and_check(mission: Mission, display: Display, fleet: Fleet | None = None) -> tuple[Plan, CheckReport]:
+    """Plans a mission and runs every check.
+
+    Raises:
+        PlannerError: when the planner's settings are wrong.
+    """
+    stop, seed, params = first_plan(mission)
+    budget = f" for {stop.time_s:g} s" if stop.time_s is not None else ""
+    with display.working(f"planning{budget}"):
+        plan = solve(mission.problem, stop, seed, params).plan
+    verdict = f"makespan {clock_text(plan.makespan_s)}" if plan.feasible else f"not feasible: {plan.schedule.violation}"
+    display.note(f"plan: {verdict} ({plan.method}, {plan.planning_s or 0.0:.1f} s)")
+    with display.working("checking"):
+        checks = check(mission, plan)
+    display.note(f"checks: {checks.summary}")
+    return plan, checks
+
+
+def run_mission(
+    mission: Mission,
+    *,
+    out: Path | None = None,
+    backend: str = "sim",
+    sim: str = "kinematic",
+    dry_run: bool = False,
+    display: Display | None = None,
+    operator: Operator | None = None,
+    command: str = "",
+    with_report: bool = True,
+) -> RunResult:
+    """Runs a mission to its end.
+
+    Args:
+        mission: as loaded.
+        out: run folder; default: ``runs/<mission>-<time>``.
+        backend: ``sim``.
+        sim: ``kinematic``.
+        dry_run: stop before arming.
+        display: for the operator; default: none.
+        operator: default: nobody, who wishes nothing.
+        command: what to type to do it again, for the report.
+        with_report: write report and pictures.
+
+    Raises:
+        InputError: something is wrong with the folder or the backend.
+        PlannerError: with the planner's settings.
+        DriverError: a vehicle cannot be reached.
+        DeployError: the report cannot be written.
+    """
+    display, operator = display or NullDisplay(), operator or ScriptedOperator()
+    require(backend, sim)
+    plan, checks = plan_and_check(mission, display)
+    if dry_run or not checks.passed:
+        return RunResult("dry run" if dry_run else "refused", plan, checks)
+    folder = run_folder.prepare(out, mission.name)
+    save_copy(mission, folder / run_folder.MISSION)
+    fleet = connect(mission, backend, sim, horizon_s=plan.makespan_s)
+    meta = RunMeta(
+        name=mission.name,
+        seed=mission.seed,
+        mission_digest=mission.digest,
+        plan_digest=plan.digest,
+        backend=fleet.name,
+        planner=mission.planner.method,
+        command=command or f"copcs-deploy run {mission.path}",
+    )
+    drawing = drawing_of(mission.geometry)
+    outcome, failure = _fly(
+        mission, plan, checks, fleet, Recorder(folder, meta, mission.settings, drawing), folder, display, operator
+    )
+    kind = outcome.kind
+    if kind == "aborted" and not operator.wished & {"recover", "stop"}:
+        kind = "failed"  # it was broken off, but nobody asked for it
+    report = None
+    if with_report:
+        with display.working("writing the report"):
+            try:
+                report = make(folder, mission.settings, drawing, kind)
+            except DeployError as error:
+                failure = failure or str(error)
+    truth = fleet.truth() if fleet.truth is not None else None
+    return RunResult(kind, plan, checks, folder, report, outcome, truth, failure)
+
+
+def _fly(
+    mission: Mission,
+    plan: Plan,
+    checks: CheckReport,
+    fleet: Fleet,
+    recorder: Recorder,
+    folder: Path,
+    display: Display,
+    operator: Operator,
+) -> tuple[Outcome, str | None]:
+    """Flies; returns the outcome and why the recording is not complete, if it is not."""
+    watch = Watch(recorder, folder, display)
+    scale = mission.settings.frame.time_scale
+    try:
+        with display.working("connecting"):
+            fleet.connect(fleet.clock.now() + CONNECT_S)
+        display.begin(_header(mission, fleet))
+        operator.attach(fleet.clock)
+        now_s = fleet.clock.now()
+        with operator:
+            outcome = fly(
+                mission.settings,
+                plan,
+                vehicles=fleet.vehicles,
+                poses=fleet.poses,
+                clock=fleet.clock,
+                planner=_planner(mission, fleet),
+                operator=operator,
+                observer=watch,
+                virtual=fleet.virtual,
+                checks_valid_s=now_s + checks.valid_s,
+                limit_s=now_s + scale * (PATIENCE * plan.makespan_s + 3600.0),
+            )
+    finally:
+        display.end()
+        fleet.close()
+        _close(recorder, watch)
+    return outcome, watch.failure
+
+
+def _close(recorder: Recorder, watch: Watch) -> None:
+    try:
+        recorder.close()
+    except (OSError, RuntimeError, DeployError) as error:
+        watch.failure = watch.failure or str(error)
+
+
+def _planner(mission: Mission, fleet: Fleet) -> Planner:
+    settings = replanning(mission)
+    return InlinePlanner(settings, fleet.planner_delay_s) if fleet.virtual else ProcessPlanner(settings)
+
+
+def _header(mission: Mission, fleet: Fleet) -> Header:
+    problem = mission.problem
+    team = f"{len(problem.uavs)} UAVs, {len(problem.ugvs)} UGVs"
+    return Header(
+        mission=mission.name,
+        subtitle=f"{team}, {fleet.name}, seed {mission.seed}",
+        tasks=problem.n_tasks,
+        time_scale=mission.settings.frame.time_scale,
+    )
