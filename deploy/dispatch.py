@@ -13,7 +13,7 @@ from deploy.events import Action, EventKind
 from deploy.failsafe import Situation, action_for
 from deploy.flightpath import TimedPath, resting, straight
 from deploy.state import AIRBORNE, UAV_FINAL, MissionPhase, UavPhase, UavState
-from deploy.turn import Turn
+from deploy.turn import RESTING, Turn
 from drivers.vehicle import Arm, Dock, GoTo, Hold, Land, StopMotors, TakeOff, Vec2, Vec3
 from planner.plan import Recharge, Visit
 
@@ -241,6 +241,8 @@ def _fly(turn: Turn, uav: UavState, goal_m: Vec2) -> tuple[UavState, bool]:
         return uav, True
     if not _may_move(turn, uav):
         return uav, False
+    if uav.track is not None and uav.track.speed_mps > RESTING * config.speed_mps:
+        return _hover(turn, uav), False  # flights go from rest to rest; one that is under way is stopped first
     blocker = None
     for altitude_m in _layers(turn, uav):
         goal = (goal_m[0], goal_m[1], altitude_m)

@@ -17,6 +17,7 @@ from planner.errors import PlannerError
 from planner.plan import Move
 
 RETRY_S = 1.0
+HOLD_S = 3.0  # a UGV that had to stop stands at least this long
 P = UgvPhase
 
 
@@ -67,7 +68,8 @@ def route_to(turn: Turn, ugv: UgvState, site: int) -> tuple[Vec2, ...]:
     world = turn.settings.roads.route(frame.to_world(here), site)
     centre = [frame.to_arena((float(x), float(y))) for x, y in world]
     lane = keep_right(centre, config.lane_offset_m)
-    points = [here, *(lane[1:-1] if len(lane) > 2 else lane[:-1]), turn.park_m(ugv.index, site)]
+    # From its parking place straight to the lane and back: that way it passes nobody parked at the same site.
+    points = [here, *(lane if ugv.site is not None else lane[1:]), turn.park_m(ugv.index, site)]
     return tuple(p for i, p in enumerate(points) if i == 0 or math.dist(p, points[i - 1]) > 1e-6)
 
 
@@ -158,11 +160,10 @@ def _wait(turn: Turn, ugv: UgvState, text: str) -> UgvState:
 
 
 def _driving(turn: Turn, ugv: UgvState) -> UgvState:
-    stopped = turn.state.phase in (MissionPhase.HOLDING, MissionPhase.ABORTED)
-    if ugv.held or ugv.out or stopped:
+    if ugv.held or ugv.out or ugv.target is None or turn.state.phase is MissionPhase.HOLDING:
         ugv = turn.order(ugv, Hold(_name(turn, ugv)))
-        return replace(ugv, phase=P.HOLDING, since_s=turn.now_s, path=None)
-    assert ugv.track is not None and ugv.target is not None  # set when it began to drive
+        return replace(ugv, phase=P.HOLDING, since_s=turn.now_s, path=None, retry_s=turn.now_s + HOLD_S)
+    assert ugv.track is not None  # it could not have begun to drive
     k = turn.next_of_ugv(ugv.index) if turn.state.phase is MissionPhase.RUNNING else None
     if k is not None and _target_of(turn, k) != ugv.target and not ugv.stuck and turn.now_s >= ugv.retry_s:
         return _drive(turn, ugv, _target_of(turn, k))

@@ -37,6 +37,7 @@ class PlanRequest:
         reason: for the operator.
         urgent: the current plan is infeasible.
         exclude_uavs, exclude_ugvs: indices of vehicles that can take no part.
+        margin: share of capacity to keep above reserve where that is possible.
     """
 
     number: int
@@ -46,6 +47,7 @@ class PlanRequest:
     urgent: bool
     exclude_uavs: tuple[int, ...] = ()
     exclude_ugvs: tuple[int, ...] = ()
+    margin: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,9 @@ from dataclasses import replace
 from deploy.events import Action, EventKind
 from deploy.failsafe import Situation, action_for
 from deploy.observation import PlanReply, PlanRequest
+from deploy.recovery import call_off
 from deploy.retime import excluded, plan_state, problem_now, remaining
-from deploy.state import UAV_FINAL, MissionPhase, Pending, UavPhase, UgvPhase
+from deploy.state import UAV_FINAL, Pending, UavPhase, UgvPhase
 from deploy.turn import Adopted, Turn
 from planner.plan import Action as PlanAction
 from planner.plan import Recharge, Visit
@@ -102,7 +103,14 @@ def _request(turn: Turn) -> None:
         return
     number = state.requests + 1
     turn.request = PlanRequest(
-        number, problem_now(turn), remaining(turn), state.replan_reason, state.replan_urgent, uavs, ugvs
+        number,
+        problem_now(turn),
+        remaining(turn),
+        state.replan_reason,
+        state.replan_urgent,
+        uavs,
+        ugvs,
+        turn.settings.replanning.margin,
     )
     docked = frozenset(u.index for u in turn.uavs if u.phase in DOCKED)
     turn.pending = Pending(number, turn.now_s, state.replan_urgent, docked, turn.plan.given_up, state.replan_reason)
@@ -187,7 +195,6 @@ def _hopeless(turn: Turn, text: str) -> None:
     turn.tell(EventKind.PLANNER_INFEASIBLE, text, None, action)
     turn.state = replace(turn.state, replan_reason=None, replan_urgent=False)
     if action >= Action.TEAM_RECOVERY:
-        turn.state = replace(turn.state, phase=MissionPhase.RECOVERING, recovering_since_s=turn.now_s)
-        turn.tell(EventKind.MISSION_STATE, "recovering: everybody comes down")
+        call_off(turn, "everybody comes down")
     else:
         turn.plan = replace(turn.plan, given_up=frozenset(m for m, v in enumerate(turn.visited) if not v))

@@ -93,6 +93,9 @@ class Replanning:
     """A replan is adopted when it is better by this share (always when the old plan is infeasible)."""
     interval_s: NotNegative = 30.0
     """Least time between replans that are not urgent."""
+    margin: Fraction = 0.06
+    """Share of capacity kept above reserve when planning, so that small delays in flight leave the plan feasible; given
+    up where no plan exists otherwise."""
     review_s: Positive = 1.0
     """Arena time between reviews of the schedule."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from deploy import dispatch, dispatch_ugv, estimate, monitors, replanning
+from deploy import dispatch, dispatch_ugv, estimate, monitors, recovery, replanning
 from deploy.events import Action, Event, EventKind, Severity
 from deploy.failsafe import UAV_SITUATION, UGV_SITUATION, Situation, action_for, severity_of
 from deploy.observation import Observation, OperatorInput, PlanRequest
@@ -13,7 +13,6 @@ from deploy.retime import plan_state
 from deploy.settings import Settings
 from deploy.state import (
     AIRBORNE,
-    UAV_FINAL,
     Finding,
     MissionPhase,
     State,
@@ -24,11 +23,10 @@ from deploy.state import (
     UgvState,
 )
 from deploy.turn import Adopted, Turn
-from drivers.vehicle import Arm, Command, Disarm, Hold, Pose
+from drivers.vehicle import Arm, Command, Disarm, Pose
 from planner.plan import Plan
 
 M = MissionPhase
-RECOVERY_LIMIT_S = 1800.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,26 +108,26 @@ def _operator(turn: Turn, wish: OperatorInput) -> None:
     elif wish.wish == "recover" and phase in (M.ARMED, M.RUNNING, M.HOLDING):
         turn.tell(EventKind.OPERATOR_RECOVER, "the operator brings everybody down", action=Action.TEAM_RECOVERY)
         turn.state = replace(turn.state, aborting=True)
-        _recover(turn)
+        recovery.call_off(turn, "everybody comes down")
     elif wish.wish == "recover" and phase in (M.DISARMED, M.CHECKED):
         turn.state = replace(turn.state, aborting=True)
-        _enter(turn, M.ABORTED, "the operator calls it off before anything was armed")
+        recovery.enter(turn, M.ABORTED, "the operator calls it off before anything was armed")
     elif wish.wish == "hold" and phase is M.RUNNING:
         turn.tell(EventKind.OPERATOR_HOLD, "the operator holds the mission", action=Action.HOLD)
-        _enter(turn, M.HOLDING, "everybody stops where they are")
+        recovery.enter(turn, M.HOLDING, "everybody stops where they are")
     elif wish.wish == "resume" and phase is M.HOLDING:
-        _enter(turn, M.RUNNING, "the mission goes on")
+        recovery.enter(turn, M.RUNNING, "the mission goes on")
         turn.want_replan("the mission was held", urgent=False)
     elif wish.wish == "checked" and phase is M.DISARMED and wish.plan_digest == turn.state.plan_digest:
         turn.state = replace(turn.state, valid_until_s=wish.valid_until_s)
-        _enter(turn, M.CHECKED, "the checks of this plan have passed")
+        recovery.enter(turn, M.CHECKED, "the checks of this plan have passed")
     elif wish.wish == "arm" and phase is M.CHECKED and _checks_valid(turn):
         turn.state = replace(turn.state, valid_until_s=math.inf)
         turn.uavs = [turn.order(u, Arm(c.id)) for u, c in zip(turn.uavs, turn.settings.uavs, strict=True)]
         turn.ugvs = [turn.order(g, Arm(c.id)) for g, c in zip(turn.ugvs, turn.settings.ugvs, strict=True)]
     elif wish.wish == "start" and phase is M.ARMED:
         turn.state = replace(turn.state, start_s=turn.now_s)
-        _enter(turn, M.RUNNING, "the mission starts")
+        recovery.enter(turn, M.RUNNING, "the mission starts")
     else:
         turn.events.append(
             Event(
@@ -148,27 +146,13 @@ def _checks_valid(turn: Turn) -> bool:
     return limit_s is not None and turn.now_s <= limit_s
 
 
-def _enter(turn: Turn, phase: MissionPhase, why: str) -> None:
-    turn.tell(EventKind.MISSION_STATE, f"{phase.value}: {why}")
-    turn.state = replace(turn.state, phase=phase)
-
-
-def _recover(turn: Turn) -> None:
-    """Everybody in the air comes down at the nearest site, UGVs stop."""
-    _enter(turn, M.RECOVERING, "everybody comes down")
-    turn.state = replace(turn.state, recovering_since_s=turn.now_s)
-    turn.uavs = [replace(u, site=None, work_until_s=None) if u.phase is UavPhase.FLYING else u for u in turn.uavs]
-    turn.ugvs = [replace(g, target=None, held=True) if g.phase is UgvPhase.DRIVING else g for g in turn.ugvs]
-    turn.pending = None
-
-
 def _stop_everybody(turn: Turn) -> None:
     turn.state = replace(turn.state, aborting=True)
     turn.uavs = [dispatch.apply(turn, u, Action.STOP_MOTORS) for u in turn.uavs]
     turn.ugvs = [dispatch_ugv.apply(turn, g, Action.STOP_MOTORS) for g in turn.ugvs]
     turn.state = replace(turn.state, replan_reason=None, replan_urgent=False)
     turn.pending = None
-    _enter(turn, M.ABORTED, "all motors are stopped")
+    recovery.enter(turn, M.ABORTED, "all motors are stopped")
 
 
 # --- looking --------------------------------------------------------------------------------------------------------
@@ -309,64 +293,17 @@ def _refusals(turn: Turn) -> None:
 def _mission(turn: Turn) -> None:
     phase = turn.state.phase
     if phase is M.CHECKED and turn.state.valid_until_s == math.inf and _all_armed(turn):
-        _enter(turn, M.ARMED, "every vehicle is armed")
+        recovery.enter(turn, M.ARMED, "every vehicle is armed")
     elif phase is M.CHECKED and turn.state.valid_until_s == math.inf:
         turn.uavs = [turn.order(u, Arm(c.id)) for u, c in zip(turn.uavs, turn.settings.uavs, strict=True)]
         turn.ugvs = [turn.order(g, Arm(c.id)) for g, c in zip(turn.ugvs, turn.settings.ugvs, strict=True)]
     elif phase is M.RUNNING and replanning.finished(turn):
-        _finish(turn)
-    elif phase is M.RECOVERING and _everybody_down(turn):
+        recovery.finish(turn)
+    elif phase is M.RECOVERING and recovery.everybody_down(turn):
         turn.state = replace(turn.state, end_s=turn.now_s)
         turn.commands.extend(Disarm(c.id) for c in (*turn.settings.uavs, *turn.settings.ugvs))
-        _enter(turn, M.ABORTED if turn.state.aborting else M.DONE, "everybody is down")
+        recovery.enter(turn, M.ABORTED if turn.state.aborting else M.DONE, "everybody is down")
 
 
 def _all_armed(turn: Turn) -> bool:
     return all(v.telemetry is not None and v.telemetry.armed for v in (*turn.uavs, *turn.ugvs))
-
-
-def _finish(turn: Turn) -> None:
-    """The plan is done: UAVs still in the air land at their sites, a UGV is sent to each path point with a UAV."""
-    _enter(turn, M.RECOVERING, f"{sum(turn.visited)} of {len(turn.visited)} tasks are visited")
-    turn.state = replace(turn.state, recovering_since_s=turn.now_s)
-    turn.pending = None
-    depot = turn.settings.problem.depot_index
-    served = {g.site for g in turn.ugvs}
-    idle = [g.index for g in turn.ugvs if g.phase is UgvPhase.PARKED and not g.out]
-    for uav in turn.uavs:
-        if uav.phase in UAV_FINAL or uav.docked is not None or uav.track is None:
-            continue
-        site = uav.site if uav.site is not None else turn.nearest_site(uav.track.position_m)[0]
-        turn.uavs[uav.index] = replace(uav, site=site) if uav.phase in AIRBORNE else uav
-        if site == depot or site in served:
-            continue
-        roads = {g: _drive_m(turn, g, site) for g in idle}
-        best = min(roads, key=lambda g: (roads[g], g), default=None)
-        if best is not None and math.isfinite(roads[best]):
-            idle.remove(best)
-            served.add(site)
-            turn.ugvs[best] = replace(turn.ugvs[best], target=site)
-
-
-def _drive_m(turn: Turn, ugv: int, site: int) -> float:
-    """Road distance of a parked UGV to a site, in m; inf where its energy does not reach."""
-    here = turn.ugvs[ugv].site
-    assert here is not None  # it is parked
-    distance_m = float(turn.settings.problem.road_distance_m[here, site])
-    model = turn.settings.problem.ugvs[ugv]
-    return distance_m if distance_m / model.speed_mps * model.drive_w <= turn.ugvs[ugv].energy_j else math.inf
-
-
-def _everybody_down(turn: Turn) -> bool:
-    if any(u.phase not in UAV_FINAL for u in turn.uavs):
-        return False
-    late = turn.now_s - turn.state.recovering_since_s > RECOVERY_LIMIT_S
-    return late or all(_settled(g) for g in turn.ugvs)
-
-
-def _settled(ugv: UgvState) -> bool:
-    if ugv.out or ugv.stuck or ugv.phase is UgvPhase.LOST:
-        return True
-    if ugv.phase is UgvPhase.HOLDING:
-        return ugv.target is None and ugv.order is not None and isinstance(ugv.order.command, Hold)
-    return ugv.phase is UgvPhase.PARKED and ugv.target is None

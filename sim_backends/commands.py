@@ -76,6 +76,7 @@ class Receiver:
         if u["phase"] in (kernel.GROUND, kernel.PAD):
             if u["energy"] <= 0 or command.altitude_m <= u["z"]:
                 return False
+            u["rx"], u["ry"] = u["x"] + u["ex"], u["y"] + u["ey"]
             u["tx"], u["ty"] = u["rx"], u["ry"]
         elif u["phase"] not in IN_MOTION:
             return False
