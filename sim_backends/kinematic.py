@@ -117,7 +117,10 @@ class KinematicWorld:
 
     def advance(self, time_s: float) -> None:
         """Goes on to ``time_s`` or to where the loop may notice something, on the loop's grid."""
-        tick = max(math.ceil(time_s * TICKS_PER_S - 1e-6), self.tick)
+        if time_s <= self.now_s:
+            return
+        # rounding must neither skip a tick of the grid nor leave a loop that waits for time_s without progress
+        tick = max(math.ceil(time_s * TICKS_PER_S - 1e-6), self.tick + 1)
         target, a = tick // self._ticks_per_step, self.arrays
         while self.step < target:
             self._deliver()
