@@ -9,6 +9,7 @@ from deploy.errors import InputError
 from deploy.mission import Mission
 from deploy.settings import UavSettings, UgvSettings
 from drivers.clock import Clock
+from drivers.errors import DriverError
 from drivers.vehicle import PoseSource, Vec2, Vehicle
 from planner.problem import Uav, Ugv, uav_power_w, ugv_power_w
 from sim_backends.faults import Fault, random_faults
@@ -41,15 +42,23 @@ class Fleet:
     truth: Callable[[], Truth] | None = None
     planner_delay_s: Callable[[], float] = lambda: 0.0
 
-    def connect(self, deadline_s: float) -> None:
+    def connect(self, deadline_s: float) -> dict[str, str]:
         """Connects motion capture and every vehicle within ``deadline_s`` on the clock.
 
-        Raises:
-            DriverError: naming who could not be reached, why and what to do.
+        Returns:
+            why somebody could not be reached, by vehicle id and ``poses``; empty when all went well.
         """
-        self.poses.connect(deadline_s)
-        for vehicle in self.vehicles.values():
-            vehicle.connect(deadline_s)
+        errors: dict[str, str] = {}
+        try:
+            self.poses.connect(deadline_s)
+        except DriverError as error:
+            errors["poses"] = str(error)
+        for name, vehicle in self.vehicles.items():
+            try:
+                vehicle.connect(deadline_s)
+            except DriverError as error:
+                errors[name] = str(error)
+        return errors
 
     def close(self) -> None:
         """Releases every link; call it when everybody is down."""

@@ -10,11 +10,10 @@ from dataclasses import asdict
 from pathlib import Path
 
 import orjson
-from rich.table import Table
-from rich.text import Text
 
 from deploy.backends import require
-from deploy.check_report import CheckReport, CheckRow, Verdict
+from deploy.check_report import CheckReport
+from deploy.check_table import check_lines, check_table
 from deploy.cli_common import DONE, FAILED, duration_text, print_json, show_rows, working
 from deploy.display import SteadyConsole, make_display
 from deploy.errors import InputError
@@ -25,9 +24,7 @@ from deploy.replay import mission_of
 from deploy.replay import replay as replay_run
 from deploy.report import Report, make
 from deploy.run_folder import REPORT_HTML, REPORT_JSON
-from deploy.session import RunResult, plan_and_check, run_mission
-
-_STYLE = {Verdict.PASS: "green", Verdict.WARN: "yellow", Verdict.FAIL: "bold red", Verdict.NOT_RUN: "dim"}
+from deploy.session import RunResult, check_mission, run_mission
 
 
 def run(
@@ -90,7 +87,7 @@ def _run_json(result: RunResult) -> dict[str, object]:
 def check(mission_file: Path, *, planner: str | None, seed: int | None, as_json: bool) -> int:
     """Plans and checks a mission; see ``cli.check``."""
     mission = load_with(mission_file, planner, seed)
-    _, checks = plan_and_check(mission, make_display(quiet=as_json))
+    checks = check_mission(mission, make_display(quiet=as_json))
     if as_json:
         print_json(checks.to_json())
     else:
@@ -101,29 +98,10 @@ def check(mission_file: Path, *, planner: str | None, seed: int | None, as_json:
 def show_checks(checks: CheckReport) -> None:
     """The checks as a table in a terminal, as lines elsewhere."""
     console = SteadyConsole()
-    if not console.is_terminal:
-        for row in checks.rows:
-            print(f"{row.verdict.value:<8} {row.group}: {row.name:<20} {_measured(row):<16} {row.text}")
-        print(checks.summary)
-        return
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim", expand=False)
-    for name in ("check", "", "measured", "limit"):
-        table.add_column(name, no_wrap=True, justify="right" if name in ("measured", "limit") else "left")
-    table.add_column("what it means", overflow="fold")
-    group = ""
-    for row in checks.rows:
-        if row.group != group:
-            group = row.group
-            table.add_row(Text(group, style="bold"))
-        limit = "" if row.limit is None else f"{row.limit:.4g}"
-        verdict = Text(row.verdict.value, style=_STYLE[row.verdict])
-        table.add_row(f"  {row.name}", verdict, _measured(row), limit, Text(row.text, style="dim"))
-    console.print(table)
-    console.print(checks.summary, style="green" if checks.passed else "bold red", highlight=False)
-
-
-def _measured(row: CheckRow) -> str:
-    return "" if row.measured is None else f"{row.measured:.4g} {row.unit}".rstrip()
+    if console.is_terminal:
+        console.print(check_table(checks))
+    else:
+        print("\n".join(check_lines(checks)))
 
 
 def replay(folder: Path, *, as_json: bool) -> int:
@@ -184,7 +162,8 @@ def show_report(made: Report, folder: Path | None) -> None:
 
 
 def _path(path: Path) -> str:
-    return os.path.relpath(path)
+    near = os.path.relpath(path)
+    return str(path.absolute()) if near.startswith("..") else near
 
 
 def _mega(value: float | None) -> str:

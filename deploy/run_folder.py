@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import time
 from collections.abc import Callable
@@ -43,6 +44,12 @@ def prepare(out: Path | None, mission_name: str, *, now: Callable[[], float] = t
     except OSError as error:
         raise InputError(f"cannot be written: {error.strerror}; give another folder as --out", file=folder) from error
     return folder
+
+
+def drop_if_empty(folder: Path) -> None:
+    """Takes the folder of a run away that never began."""
+    with contextlib.suppress(OSError):
+        folder.rmdir()
 
 
 def _fresh(root: Path, mission_name: str, now_s: float) -> Path:

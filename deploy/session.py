@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -9,7 +10,7 @@ from typing import Literal
 from deploy import run_folder
 from deploy.backends import Fleet, connect, require
 from deploy.check_report import CheckReport
-from deploy.checks import check
+from deploy.checks import probe_backend, run_checks
 from deploy.display import Display, NullDisplay
 from deploy.errors import DeployError
 from deploy.map_drawing import drawing_of
@@ -28,7 +29,7 @@ from planner.solve import solve
 from sim_backends.truth import Truth
 
 CONNECT_S = 30.0
-"""Within so long, on the loop's clock, every vehicle must answer."""
+"""So long every vehicle has to answer, on the loop's clock."""
 PATIENCE = 4.0
 """A mission that takes so many times its planned makespan, and an hour, is broken off: everybody comes down."""
 
@@ -67,8 +68,8 @@ class RunResult:
         return 0 if good and self.recording_failure is None else 1
 
 
-def plan_and_check(mission: Mission, display: Display, fleet: Fleet | None = None) -> tuple[Plan, CheckReport]:
-    """Plans a mission and runs every check.
+def make_plan(mission: Mission, display: Display) -> Plan:
+    """The plan before the flight.
 
     Raises:
         PlannerError: when the planner's settings are wrong.
@@ -79,10 +80,34 @@ def plan_and_check(mission: Mission, display: Display, fleet: Fleet | None = Non
         plan = solve(mission.problem, stop, seed, params).plan
     verdict = f"makespan {clock_text(plan.makespan_s)}" if plan.feasible else f"not feasible: {plan.schedule.violation}"
     display.note(f"plan: {verdict} ({plan.method}, {plan.planning_s or 0.0:.1f} s)")
+    return plan
+
+
+def make_checks(mission: Mission, plan: Plan, fleet: Fleet, display: Display) -> CheckReport:
+    """Connects the fleet and runs every check of the mission, the plan and the fleet; arms and moves nothing."""
+    with display.working("connecting"):
+        errors = fleet.connect(fleet.clock.now() + CONNECT_S)
+        probe = probe_backend(fleet.vehicles, fleet.poses, fleet.clock.now, fleet.clock.wait_until, errors=errors)
     with display.working("checking"):
-        checks = check(mission, plan)
+        checks = run_checks(mission, plan, now_s=time.monotonic(), probe=probe)
     display.note(f"checks: {checks.summary}")
-    return plan, checks
+    return checks
+
+
+def check_mission(mission: Mission, display: Display, backend: str = "sim", sim: str = "kinematic") -> CheckReport:
+    """Plans and checks a mission, without flying.
+
+    Raises:
+        InputError: there is no such backend.
+        PlannerError: the planner's settings are wrong.
+    """
+    require(backend, sim)
+    plan = make_plan(mission, display)
+    fleet = connect(mission, backend, sim, horizon_s=plan.makespan_s)
+    try:
+        return make_checks(mission, plan, fleet, display)
+    finally:
+        fleet.close()
 
 
 def run_mission(
@@ -113,30 +138,24 @@ def run_mission(
     Raises:
         InputError: something is wrong with the folder or the backend.
         PlannerError: with the planner's settings.
-        DriverError: a vehicle cannot be reached.
-        DeployError: the report cannot be written.
     """
     display, operator = display or NullDisplay(), operator or ScriptedOperator()
     require(backend, sim)
-    plan, checks = plan_and_check(mission, display)
-    if dry_run or not checks.passed:
-        return RunResult("dry run" if dry_run else "refused", plan, checks)
-    folder = run_folder.prepare(out, mission.name)
-    save_copy(mission, folder / run_folder.MISSION)
-    fleet = connect(mission, backend, sim, horizon_s=plan.makespan_s)
-    meta = RunMeta(
-        name=mission.name,
-        seed=mission.seed,
-        mission_digest=mission.digest,
-        plan_digest=plan.digest,
-        backend=fleet.name,
-        planner=mission.planner.method,
-        command=command or f"copcs-deploy run {mission.path}",
-    )
-    drawing = drawing_of(mission.geometry)
-    outcome, failure = _fly(
-        mission, plan, checks, fleet, Recorder(folder, meta, mission.settings, drawing), folder, display, operator
-    )
+    folder = None if dry_run else run_folder.prepare(out, mission.name)
+    try:
+        plan = make_plan(mission, display)
+        fleet = connect(mission, backend, sim, horizon_s=plan.makespan_s)
+        try:
+            checks = make_checks(mission, plan, fleet, display)
+            if folder is None or not checks.passed:
+                return RunResult("dry run" if dry_run else "refused", plan, checks)
+            save_copy(mission, folder / run_folder.MISSION)
+            outcome, failure = _fly(mission, plan, checks, fleet, folder, display, operator, command)
+        finally:
+            fleet.close()
+    finally:
+        if folder is not None:
+            run_folder.drop_if_empty(folder)
     kind = outcome.kind
     if kind == "aborted" and not operator.wished & {"recover", "stop"}:
         kind = "failed"  # it was broken off, but nobody asked for it
@@ -144,7 +163,7 @@ def run_mission(
     if with_report:
         with display.working("writing the report"):
             try:
-                report = make(folder, mission.settings, drawing, kind)
+                report = make(folder, mission.settings, drawing_of(mission.geometry), kind)
             except DeployError as error:
                 failure = failure or str(error)
     truth = fleet.truth() if fleet.truth is not None else None
@@ -156,20 +175,31 @@ def _fly(
     plan: Plan,
     checks: CheckReport,
     fleet: Fleet,
-    recorder: Recorder,
     folder: Path,
     display: Display,
     operator: Operator,
+    command: str,
 ) -> tuple[Outcome, str | None]:
-    """Flies; returns the outcome and why the recording is not complete, if it is not."""
+    """Flies and records; returns the outcome and why the recording is not complete, if it is not."""
+    now_s = fleet.clock.now()
+    # The checks expire on the wall clock; the supervisor judges by the loop's.
+    valid_s = checks.valid_until_s - time.monotonic()
+    limit_s = mission.settings.frame.time_scale * (PATIENCE * plan.makespan_s + 3600.0)
+    meta = RunMeta(
+        name=mission.name,
+        seed=mission.seed,
+        mission_digest=mission.digest,
+        plan_digest=plan.digest,
+        backend=fleet.name,
+        planner=mission.planner.method,
+        command=command or f"copcs-deploy run {mission.path}",
+        started_unix_s=time.time() - now_s,
+    )
+    recorder = Recorder(folder, meta, mission.settings, drawing_of(mission.geometry))
     watch = Watch(recorder, folder, display)
-    scale = mission.settings.frame.time_scale
     try:
-        with display.working("connecting"):
-            fleet.connect(fleet.clock.now() + CONNECT_S)
-        display.begin(_header(mission, fleet))
         operator.attach(fleet.clock)
-        now_s = fleet.clock.now()
+        display.begin(_header(mission, fleet))
         with operator:
             outcome = fly(
                 mission.settings,
@@ -181,12 +211,11 @@ def _fly(
                 operator=operator,
                 observer=watch,
                 virtual=fleet.virtual,
-                checks_valid_s=now_s + checks.valid_s,
-                limit_s=now_s + scale * (PATIENCE * plan.makespan_s + 3600.0),
+                checks_valid_s=now_s + valid_s,
+                limit_s=now_s + limit_s,
             )
     finally:
         display.end()
-        fleet.close()
         _close(recorder, watch)
     return outcome, watch.failure
 
