@@ -196,10 +196,15 @@ def plan(actions: tuple[Action, ...], late_s: dict[int, float] | None = None) ->
         rows.append(
             ScheduledAction(
                 i, mine[0].start, mine[-1].end, math.inf if i % 3 else 12.5, 40.0, mine[0].end, work,
-                mine[0].energy[0], mine[-1].energy[1], mine[len(mine) // 2].energy[1], 0 if isinstance(action, Recharge) else None,
+                mine[0].energy[0], mine[-1].energy[1], mine[len(mine) // 2].energy[1],
+                0 if isinstance(action, Recharge) else None,
             )
         )  # fmt: skip
-    makespan = max(r.end_s for r, a in zip(rows, actions, strict=True) if isinstance(a, Visit))
+    makespan = (
+        max(r.end_s for r, a in zip(rows, actions, strict=True) if isinstance(a, Visit))
+        if Visit in map(type, actions)
+        else 0.0
+    )
     last = {u: pieces[f"uav{u}"][-1] for u in range(2)}
     recovery = tuple(Recovery(u, None if u else 3, p.start, p.end, p.energy[1]) for u, p in last.items())
     used = 250_000.0
