@@ -54,22 +54,18 @@ def run(
     )
     if as_json:
         print_json(_run_json(result))
-    elif result.report is None:
+    elif result.kind == "dry run":
         show_checks(result.checks)
-        _say_why_not(result)
-    else:
+        print("dry run: nothing was armed")
+    elif result.kind == "refused":
+        for row in result.checks.failures:
+            print(f"error: check {row.name!r} failed: {row.text}", file=sys.stderr)
+        print(f"error: not armed; all checks: copcs-deploy check {mission_file}", file=sys.stderr)
+    elif result.report is not None:
         show_report(result.report, result.folder)
     if result.recording_failure is not None:
         print(f"error: the recording is not complete: {result.recording_failure}", file=sys.stderr)
     return result.exit_code
-
-
-def _say_why_not(result: RunResult) -> None:
-    if result.kind == "refused":
-        names = ", ".join(row.name for row in result.checks.failures)
-        print(f"error: not armed, since these checks failed: {names}", file=sys.stderr)
-    elif result.kind == "dry run":
-        print("dry run: nothing was armed")
 
 
 def _run_json(result: RunResult) -> dict[str, object]:

@@ -27,7 +27,7 @@ def test_fleet_of_the_demo(demo: Mission) -> None:
     assert fleet.virtual
     assert fleet.name == "kinematic"
     assert fleet.planner_delay_s() == 0.0
-    fleet.connect(5.0)
+    assert fleet.connect(5.0) == {}
     while fleet.clock.now() < 1.0:
         fleet.clock.wait_until(1.0)
     assert {pose.body for pose in fleet.poses.read()} == {u.body for u in demo.settings.uavs} | {
