@@ -9,14 +9,14 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from shapely import MultiPolygon, Polygon
+from shapely.geometry.base import BaseGeometry
 
 from planner.roads import Roads
 
 Array = NDArray[np.float64]
 Bounds = tuple[float, float, float, float]
 Project = Callable[[Array], Array]
-Region = Polygon | MultiPolygon
+Region = BaseGeometry
 
 
 class Ways(Roads, Protocol):

@@ -198,20 +198,21 @@ def _override(document: Document, overrides: Mapping[str, Any]) -> Document:
             raise InputError(
                 f"{value!r} cannot stand in a mission; give plain values", file=document.path, key=dotted
             ) from None
-        data = _replaced(data, parts, value, document)
+        data = _replaced(data, parts, 0, value, document)
         # The value does not come from the file any more, so neither does its line.
         lines = {key: line for key, line in lines.items() if key[: len(parts)] != parts}
     return Document(document.path, document.raw, data, lines)
 
 
-def _replaced(data: Any, parts: KeyPath, value: Any, document: Document) -> Any:
-    if not parts:
+def _replaced(data: Any, key: tuple[str, ...], depth: int, value: Any, document: Document) -> Any:
+    if depth == len(key):
         return value
     if data is None:
         data = {}
     if not isinstance(data, dict):
-        raise document.error(f"cannot be set, since {data!r} stands above it; check the dotted key", parts)
-    return {**data, str(parts[0]): _replaced(data.get(str(parts[0])), parts[1:], value, document)}
+        raise document.error(f"cannot be set, since {data!r} stands above it; check the dotted key", key)
+    part = key[depth]
+    return {**data, part: _replaced(data.get(part), key, depth + 1, value, document)}
 
 
 def _fleet(config: MissionConfig, document: Document) -> tuple[Fleet, tuple[Source, ...]]:

@@ -13,6 +13,7 @@ from deploy.yaml_file import Document, KeyPath
 
 Model = TypeVar("Model", bound=BaseModel)
 _UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
+_MISSING = ("missing", "missing_argument")
 _TAGS = {"xy", "lonlat"}
 
 
@@ -41,7 +42,7 @@ def validate(
     except (ValueError, RecursionError, TypeError) as error:
         raise document.error(f"cannot be understood: {error}") from None
     # A misspelt key shows up twice, as unknown and as missing: the first helps.
-    found.sort(key=lambda e: e["type"] not in _UNKNOWN)
+    found.sort(key=lambda e: 0 if e["type"] in _UNKNOWN else 2 if e["type"] in _MISSING else 1)
     first = found[0]
     key = _clean(first["loc"], data)
     more = f" ({len(found) - 1} more mistakes follow)" if len(found) > 1 else ""
@@ -80,7 +81,7 @@ def _sentence(model: type[BaseModel], error: dict[str, Any], key: KeyPath) -> st
         word = str(key[-1])
         hint = suggestion(word, known) or (f"; known are {', '.join(sorted(known))}" if known else "")
         return f"unknown key {word!r} (value {value}){hint}; correct or remove it"
-    if kind in ("missing", "missing_argument"):
+    if kind in _MISSING:
         return "is missing; add it (docs/missions.md describes every key)"
     limits = {
         "greater_than": ("gt", "above"),

@@ -178,12 +178,17 @@ class SiteMaker:
         least = separation.horizontal_m + separation.buffer_m
         reach = (2 * self.slots.reach_m + max(least, separation.ugv_m)) / scale
         apart = np.hypot(*(sites[:, None] - sites[None]).transpose(2, 0, 1))
+        standing = [(i, np.array(p), "uav") for i, p in enumerate(slots.pads)]
+        standing += [(len(slots.pads) + i, np.array(p), "ugv") for i, p in enumerate(slots.parks)]
         for i, j in zip(*np.nonzero(np.triu(apart < reach, 1)), strict=True):
             a, b = (np.array(self.frame.to_arena((float(x), float(y)))) for x, y in (sites[i], sites[j]))
-            for places, limit in ((slots.pads, least), (slots.parks, separation.ugv_m)):
-                pairs = [(p, q) for (n, p), (m, q) in product(enumerate(places), repeat=2) if n != m]
-                gaps = [float(np.hypot(*(b + q - a - p))) for p, q in pairs]
-                if (gaps and min(gaps) < limit - 1e-9) or apart[i, j] < 1e-6:
+            if apart[i, j] < 1e-3:
+                other = "the depot, which serves as one already" if j == len(sites) - 1 else f"path point {j}"
+                text = f"path point {i} at {_at(sites[i])} is at the same place as {other}; remove it"
+                raise self.document.error(text, keys(int(i)))
+            for (n, p, p_kind), (m, q, q_kind) in product(standing, repeat=2):
+                limit = separation.ugv_m if p_kind == q_kind == "ugv" else least
+                if n != m and float(np.hypot(*(b + q - a - p))) < limit - 1e-9:
                     other = "the depot" if j == len(sites) - 1 else f"path point {j}"
                     text = (
                         f"path point {i} at {_at(sites[i])} is {apart[i, j]:.4g} m (world) from {other}, so vehicles "

@@ -186,7 +186,9 @@ def _insert(
 ) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
     """Makes nodes of ``points``, which lie on the edges ``piece``; returns nodes, edges and the points' nodes."""
     new_nodes = list(nodes)
-    new_edges = [tuple(edge) for i, edge in enumerate(edges) if i not in set(piece.tolist())]
+    whole = np.ones(len(edges), dtype=np.bool_)
+    whole[piece] = False
+    new_edges: list[tuple[int, int]] = [(int(a), int(b)) for a, b in edges[whole]]
     site_nodes = np.zeros(len(points), dtype=np.int64)
     for edge in sorted(set(piece.tolist())):
         a, b = (int(i) for i in edges[edge])
