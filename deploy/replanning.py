@@ -52,7 +52,7 @@ def _retime(turn: Turn) -> None:
     open_tasks = {m for m, v in enumerate(turn.visited) if not v} - plan.given_up
     if not rest and not open_tasks:
         return
-    problem = problem_now(turn, plan.given_up)
+    problem = problem_now(turn, plan.given_up, limits.tolerance)
     now = predict(problem, rest, exclude_uavs=exclude[0], exclude_ugvs=exclude[1])
     if not now.feasible:
         violation = evaluate(problem, rest, exclude_uavs=exclude[0], exclude_ugvs=exclude[1]).violation
@@ -128,7 +128,7 @@ def _take(turn: Turn, reply: PlanReply) -> None:
     rest = remaining(turn)
     open_tasks = frozenset(m for m, v in enumerate(turn.visited) if not v)
     given_up = open_tasks - {a.task for a in actions if isinstance(a, Visit)}
-    new = _predict(turn, actions, given_up, exclude)
+    new = _predict(turn, actions, given_up, exclude)  # time has passed since it was asked for, energy is spent
     old_given_up = open_tasks - {a.task for a in rest if isinstance(a, Visit)}
     old = _predict(turn, rest, old_given_up, exclude)
     if not (reply.usable and new.survives):
@@ -151,7 +151,7 @@ def _take(turn: Turn, reply: PlanReply) -> None:
         turn.tell(EventKind.PLAN_KEPT, text)
         turn.plan = replace(turn.plan, baseline_s=promised_s, given_up=old_given_up, violation=None)
         return
-    problem = problem_now(turn, given_up)
+    problem = problem_now(turn, given_up, turn.settings.replanning.tolerance)
     number = turn.plan.number + 1
     turn.plan = plan_state(
         turn.settings, problem, actions, number=number, at_s=turn.mission_s, exclude=exclude, given_up=given_up
@@ -172,7 +172,8 @@ def _predict(
     given_up: frozenset[int],
     exclude: tuple[tuple[int, ...], tuple[int, ...]],
 ) -> Prediction:
-    return predict(problem_now(turn, given_up), actions, exclude_uavs=exclude[0], exclude_ugvs=exclude[1])
+    problem = problem_now(turn, given_up, turn.settings.replanning.tolerance)
+    return predict(problem, actions, exclude_uavs=exclude[0], exclude_ugvs=exclude[1])
 
 
 def _still_to_do(turn: Turn, actions: tuple[PlanAction, ...], pending: Pending) -> tuple[PlanAction, ...]:

@@ -46,12 +46,13 @@ def _involves(action: Action, uavs: Sequence[int], ugvs: Sequence[int]) -> bool:
             return u in uavs or g in ugvs
 
 
-def problem_now(turn: Turn, given_up: frozenset[int] = frozenset()) -> Problem:
+def problem_now(turn: Turn, given_up: frozenset[int] = frozenset(), tolerance: float = 0.0) -> Problem:
     """The problem that is left, its time 0 being now (design section 4: replans start from the observed state).
 
     Args:
         turn: the working copy, estimates updated.
         given_up: tasks to treat as visited.
+        tolerance: share of capacity by which reserves are lowered, to judge the plan in force.
     """
     base = turn.settings.problem
     ready = {
@@ -59,7 +60,7 @@ def problem_now(turn: Turn, given_up: frozenset[int] = frozenset()) -> Problem:
     }
     return replace(
         base,
-        uavs=tuple(_uav(turn, u, ready.get(u.index)) for u in turn.uavs),
+        uavs=tuple(_uav(turn, u, ready.get(u.index), tolerance) for u in turn.uavs),
         ugvs=tuple(_ugv(turn, g.index, ready) for g in turn.ugvs),
         visited=[v or m in given_up for m, v in enumerate(turn.visited)],
     )
@@ -83,8 +84,9 @@ def _docked_until_s(turn: Turn, uav: UavState) -> float:
     return left_s + ugv.undock_s
 
 
-def _uav(turn: Turn, uav: UavState, docked_until_s: float | None) -> Uav:
+def _uav(turn: Turn, uav: UavState, docked_until_s: float | None, tolerance: float) -> Uav:
     model, config = turn.settings.problem.uavs[uav.index], turn.settings.uavs[uav.index]
+    model = replace(model, reserve_j=max(0.0, model.reserve_j - tolerance * model.capacity_j))
     if uav.track is None:
         return model
     position = turn.settings.frame.to_world(uav.track.position_m[:2])

@@ -96,6 +96,9 @@ class Replanning:
     margin: Fraction = 0.06
     """Share of capacity kept above reserve when planning, so that small delays in flight leave the plan feasible; given
     up where no plan exists otherwise."""
+    tolerance: Fraction = 0.02
+    """Share of capacity by which energy may be predicted to fall below reserve before the plan in force counts as
+    infeasible: a plan that was just feasible must not be thrown away for a breath of wind."""
     review_s: Positive = 1.0
     """Arena time between reviews of the schedule."""
 
