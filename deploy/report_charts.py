@@ -190,8 +190,10 @@ def _actual_bars(history: History, vehicle: int, colour: str) -> list[tuple[floa
     bars: list[tuple[float, float, str]] = []
     for span in history.spans(vehicle):
         tone = of_phase.get(span.phase)
-        if tone is not None and span.end_s > span.start_s:
-            bars.append((span.start_s / 60, span.end_s / 60, tone))
+        if tone is None or span.end_s <= span.start_s:
+            continue
+        start = bars.pop()[0] if bars and bars[-1][1:] == (span.start_s / 60, tone) else span.start_s / 60
+        bars.append((start, span.end_s / 60, tone))
     if vehicle >= history.n_uavs:
         name = history.ids[vehicle]
         for u in range(history.n_uavs):

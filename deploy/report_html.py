@@ -72,7 +72,8 @@ def clock(seconds: float | None) -> str:
     """Mission time as m:ss or h:mm:ss."""
     if seconds is None:
         return "–"
-    sign, whole = "−" if seconds <= -0.5 else "", abs(round(seconds))
+    whole = abs(round(seconds))
+    sign = "−" if seconds < 0 and whole else ""
     hours, rest = divmod(whole, 3600)
     minutes, left = divmod(rest, 60)
     return f"{sign}{hours}:{minutes:02}:{left:02}" if hours else f"{sign}{minutes}:{left:02}"

@@ -188,7 +188,9 @@ def test_what_cannot_be_read_or_written_is_a_clear_error(tmp_path, run):
 
 
 def test_figures_for_people():
-    assert (clock(59.6), clock(3_725.0), clock(None), clock(-3.0)) == ("1:00", "1:02:05", "–", "−0:03")
+    assert (clock(59.6), clock(3_725.0), clock(None), clock(-3.0), clock(-0.5)) == (
+        "1:00", "1:02:05", "–", "−0:03", "0:00",
+    )  # fmt: skip
     assert (km(12_345.0), km(12.3), km(None)) == ("12.35 km", "12.3 m", "–")
     assert (kj(-23_900.0), kj(1.15e6), kj(None)) == ("−23.9 kJ", "1.15 MJ", "–")
     assert (metres(0.314), metres(31.4), metres(3141.0), metres(None)) == ("0.31 m", "31.4 m", "3,141 m", "–")
