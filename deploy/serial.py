@@ -113,22 +113,9 @@ def to_json(value: object) -> Any:
         case OperatorInput():
             return {name: _in_words(getattr(value, name)) for name in _NAMES[OperatorInput]}
         case PlanReply():
-            return {
-                "number": value.number,
-                "feasible": value.feasible,
-                "actions": actions_to_json(value.actions),
-                "method": value.method,
-                "planning_s": value.planning_s,
-                "violation": value.violation,
-            }
+            return {**_members(value), "actions": actions_to_json(value.actions)}
         case PlanRequest():
-            return {
-                "number": value.number,
-                "problem": value.problem.to_json(),
-                "start": actions_to_json(value.start),
-                "reason": value.reason,
-                "urgent": value.urgent,
-            }
+            return {**_members(value), "problem": value.problem.to_json(), "start": actions_to_json(value.start)}
         case Plan():
             return plan_to_json(value)
         case dict():
@@ -137,6 +124,11 @@ def to_json(value: object) -> Any:
             return [to_json(item) for item in value]
         case _:
             return value  # Pose, VehicleState, Event, Status and plain values need nothing
+
+
+def _members(value: PlanReply | PlanRequest) -> dict[str, Any]:
+    """Every member, so that none is forgotten when one is added."""
+    return {f.name: getattr(value, f.name) for f in fields(value)}
 
 
 def _in_words(value: object) -> object:
