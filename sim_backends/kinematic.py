@@ -150,7 +150,7 @@ class KinematicWorld:
             return
         u["fed_t"] = self.now_s
         if pose.stamp_s >= out["pose_stamp"]:
-            u["trusting"] = int(out["freeze"] or out["jump_x"] or out["jump_y"] or out["swap"] != b)
+            u["trusting"] = bool(out["freeze"] or out["jump_x"] or out["jump_y"] or out["swap"] != b)
 
     def truth(self) -> Truth:
         """The audit until now."""
