@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from deploy.check_paths import Leg
+
+WAITING = frozenset({"wait", "park"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,14 +19,14 @@ class Approach:
         margin_m: the larger of the distances to the cylinder's wall and to its lid; negative inside it.
         time_s: when, arena s.
         horizontal_m, vertical_m: how near then.
-        kinds: what the two do then.
+        stuck: somewhere inside the cylinder both wait or park, so that neither can hold for the other.
     """
 
     margin_m: float
     time_s: float
     horizontal_m: float
     vertical_m: float
-    kinds: tuple[str, str]
+    stuck: bool = False
 
 
 def episodes(
@@ -44,18 +46,26 @@ def episodes(
     """
     closest: Approach | None = None
     found: list[Approach] = []
-    until = -math.inf
+    inside = False  # at the end of the pair of legs before
     for one, other in _overlaps(a, b):
         approach = closest_approach(one, other, horizontal_m, vertical_m)
         if closest is None or approach.margin_m < closest.margin_m:
             closest = approach
         if approach.margin_m < 0:
-            if max(one.t0_s, other.t0_s) <= until + 1e-9 and found:
-                found[-1] = min(found[-1], approach, key=lambda x: x.margin_m)
+            approach = replace(approach, stuck={one.kind, other.kind} <= WAITING)
+            if inside and _margin_at(one, other, max(one.t0_s, other.t0_s), horizontal_m, vertical_m) < 0:
+                stuck = approach.stuck or found[-1].stuck
+                found[-1] = replace(min(found[-1], approach, key=lambda x: x.margin_m), stuck=stuck)
             else:
                 found.append(approach)
-            until = min(one.t1_s, other.t1_s)
+        inside = _margin_at(one, other, min(one.t1_s, other.t1_s), horizontal_m, vertical_m) < 0
     return closest, tuple(found)
+
+
+def _margin_at(a: Leg, b: Leg, t: float, horizontal_m: float, vertical_m: float) -> float:
+    x, y, z = _relative(a, b, t)
+    wall = math.hypot(x, y) - horizontal_m
+    return wall if math.isinf(vertical_m) else max(wall, abs(z) - vertical_m)
 
 
 def _overlaps(a: Sequence[Leg], b: Sequence[Leg]) -> Iterator[tuple[Leg, Leg]]:
@@ -95,7 +105,7 @@ def closest_approach(a: Leg, b: Leg, horizontal_m: float, vertical_m: float) -> 
         h, v = math.hypot(x0 + f * vx, y0 + f * vy), abs(z0 + f * vz)
         margin = h - horizontal_m if math.isinf(vertical_m) else max(h - horizontal_m, v - vertical_m)
         if best is None or margin < best.margin_m:
-            best = Approach(margin, t0 + f * (t1 - t0), h, v, (a.kind, b.kind))
+            best = Approach(margin, t0 + f * (t1 - t0), h, v)
     assert best is not None  # both ends are always looked at
     return best
 

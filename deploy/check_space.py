@@ -16,7 +16,6 @@ from planner.plan import Plan
 
 GROUP = "space"
 NAMES = ("separation", "ugv separation", "flights inside", "drives inside")
-RESTING = frozenset({"wait", "serve", "park"})
 Found = tuple[Approach, str, str]  # the approach, who goes first, who holds
 
 
@@ -55,7 +54,7 @@ def _separation(settings: Settings, paths: TeamPaths) -> CheckRow:
     worst, first, second = min(closest, key=lambda c: c[0].margin_m)
     near = f"{first} and {second} come within {worst.horizontal_m:.3g} m and {worst.vertical_m:.3g} m in height"
     text = f"{near} at {_when(settings, worst)}"
-    stuck = [c for c in conflicts if set(c[0].kinds) <= RESTING]
+    stuck = [c for c in conflicts if c[0].stuck]
     return _space_row(
         "separation",
         worst,
@@ -83,7 +82,7 @@ def _ugv_separation(settings: Settings, paths: TeamPaths) -> CheckRow:
         return CheckRow("ugv separation", GROUP, Verdict.PASS, None, "m", 0.0, text)
     worst, first, second = min(closest, key=lambda c: c[0].margin_m)
     text = f"{first} and {second} come within {worst.horizontal_m:.3g} m at {_when(settings, worst)}"
-    stuck = [c for c in conflicts if set(c[0].kinds) <= RESTING]
+    stuck = [c for c in conflicts if c[0].stuck]
     return _space_row(
         "ugv separation",
         worst,
@@ -111,7 +110,7 @@ def _space_row(
     if stuck:
         approach, first, second = stuck[0]
         text = (
-            f"{first} and {second} rest {approach.horizontal_m:.3g} m from each other at {_when(settings, approach)}: "
+            f"{first} and {second} wait {approach.horizontal_m:.3g} m from each other at {_when(settings, approach)}: "
             f"holding cannot resolve it; {remedies[1]}"
         )
         return CheckRow(name, GROUP, Verdict.FAIL, approach.margin_m, "m", 0.0, text)
