@@ -29,7 +29,7 @@ from deploy.drawing import (
 )
 from deploy.errors import DeployError
 from deploy.labels import Label, place
-from deploy.report_history import History, phase_spans
+from deploy.report_history import History, charger, phase_spans
 from deploy.state import UavPhase
 from planner.plan import Plan, Visit
 from planner.problem import Problem
@@ -159,7 +159,7 @@ def run_figure(history: History, drawing: MapDrawing, width_in: float = 7.4) -> 
         for u in range(history.n_uavs):
             for charge in phase_spans(history, u, UavPhase.CHARGING):
                 x, y = history.world_m[charge.first, u]
-                ugv = next((g for g in history.ids[history.n_uavs :] if g in charge.doing.split()), None)
+                ugv = charger(history, u, charge)
                 spots.append(((float(x), float(y)), colours[ugv] if ugv else INK))
         draw_recharges(axes, spots, unit)
         by = {visit.task: colours[visit.uav] if visit.uav else INK for visit in history.visits}
@@ -184,7 +184,7 @@ def draw_map(axes: Axes, drawing: MapDrawing) -> float:
     unit, name = (1000.0, "km") if max(x1 - x0, y1 - y0) > KM_FROM_M else (1.0, "m")
     if drawing.image is not None:
         cover = np.array(drawing.image_extent or drawing.extent) / unit
-        axes.imshow(drawing.image, extent=tuple(cover), cmap="gray", vmin=0, vmax=255, alpha=0.55, zorder=0)
+        axes.imshow(drawing.image, extent=tuple(cover), cmap="gray", vmin=0, vmax=255, alpha=0.25, zorder=0)
     for kind, rings in drawing.polygons.items():
         colour = POLYGON_COLOURS.get(kind, OTHER_POLYGON)
         for ring in rings:

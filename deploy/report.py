@@ -19,7 +19,7 @@ from deploy.drawing import MapDrawing
 from deploy.errors import DeployError
 from deploy.events import Severity
 from deploy.recording_read import read
-from deploy.report_history import History, Lateness, VisitMade, collect, from_recording, phase_spans
+from deploy.report_history import History, Lateness, VisitMade, charger, collect, from_recording, phase_spans
 from deploy.report_safety import Safety, Violation, judge
 from deploy.settings import Settings
 from deploy.state import MissionPhase, UavPhase, UgvPhase
@@ -266,7 +266,9 @@ def _charged(history: History, uav: int, at: str | None = None) -> float | None:
     """Energy that a UAV was given, at UGV ``at`` or anywhere, in J."""
     spans = phase_spans(history, uav, UavPhase.CHARGING)
     energy = history.energy_j[:, uav]
-    return _sum([float(energy[s.last] - energy[s.first]) for s in spans if at is None or at in s.doing.split()])
+    return _sum(
+        [float(energy[s.last] - energy[s.first]) for s in spans if at is None or charger(history, uav, s) == at]
+    )
 
 
 def _given(history: History, ugv: str) -> float | None:
@@ -275,7 +277,7 @@ def _given(history: History, ugv: str) -> float | None:
 
 def _served(history: History, ugv: str) -> int:
     uavs = range(history.n_uavs)
-    return sum(ugv in s.doing.split() for u in uavs for s in phase_spans(history, u, UavPhase.CHARGING))
+    return sum(charger(history, u, s) == ugv for u in uavs for s in phase_spans(history, u, UavPhase.CHARGING))
 
 
 def _sum(values: list[float | None]) -> float | None:

@@ -17,7 +17,7 @@ from matplotlib.ticker import NullLocator
 from deploy.drawing import Array, vehicle_colours
 from deploy.pictures import ALARM, FAINT, INK, RECHARGE, STYLE, new_figure
 from deploy.recording_read import Adopted
-from deploy.report_history import History, phase_spans
+from deploy.report_history import History, charger, phase_spans
 from deploy.report_safety import both_airborne, pair_distance_m
 from deploy.state import AIRBORNE, UavPhase, UgvPhase
 from planner.plan import Move, Recharge, Visit
@@ -197,7 +197,7 @@ def _actual_bars(history: History, vehicle: int, colour: str) -> list[tuple[floa
     if vehicle >= history.n_uavs:
         name = history.ids[vehicle]
         for u in range(history.n_uavs):
-            charges = [s for s in phase_spans(history, u, UavPhase.CHARGING) if name in s.doing.split()]
+            charges = [s for s in phase_spans(history, u, UavPhase.CHARGING) if charger(history, u, s) == name]
             bars += [(s.start_s / 60, s.end_s / 60, RECHARGE) for s in charges]
     return bars
 

@@ -148,6 +148,17 @@ class History:
         ]
 
 
+def charger(history: History, uav: int, span: Span) -> str | None:
+    """The UGV that charged ``uav`` in ``span``: the one its words name, else the nearest; None without any."""
+    ugvs = history.ids[history.n_uavs :]
+    named = [g for g in ugvs if g in span.doing.split()]
+    if named:
+        return named[0]
+    places = history.position_m[span.first]
+    gaps = np.hypot(*(places[history.n_uavs :, :2] - places[uav, :2]).T)
+    return None if np.isnan(gaps).all() or not len(ugvs) else ugvs[int(np.nanargmin(gaps))]
+
+
 def phase_spans(history: History, vehicle: int, phase: UavPhase | UgvPhase) -> list[Span]:
     """As ``History.spans``, of one phase alone; a change of words in between does not split it."""
     merged: list[Span] = []

@@ -111,7 +111,8 @@ def _uav_pairs(history: History) -> tuple[float | None, list[Violation]]:
         for i, j in _runs(distance < limit.horizontal_m - EXACT_M):
             worst = float(distance[i:j].min())
             pair = (history.ids[a], history.ids[b])
-            text = f"{pair[0]} and {pair[1]} were {worst:.2f} m apart in the air; the limit is {limit.horizontal_m:g} m"
+            words = f"{_exact(worst)} m apart in the air; the limit is {limit.horizontal_m:g} m"
+            text = f"{pair[0]} and {pair[1]} were {words}"
             found.append(_violation(history, "separation", pair, i, j, worst, limit.horizontal_m, "m", text))
     return (least if np.isfinite(least) else None), found
 
@@ -130,7 +131,7 @@ def _ugv_pairs(history: History) -> tuple[float | None, list[Violation]]:
         for i, j in _runs(distance < limit - EXACT_M):
             worst = float(distance[i:j].min())
             pair = (history.ids[a], history.ids[b])
-            text = f"{pair[0]} and {pair[1]} were {worst:.2f} m apart; the limit is {limit:g} m"
+            text = f"{pair[0]} and {pair[1]} were {_exact(worst)} m apart; the limit is {limit:g} m"
             found.append(_violation(history, "ugv_separation", pair, i, j, worst, limit, "m", text))
     return (least if np.isfinite(least) else None), found
 
@@ -144,13 +145,13 @@ def _fence(history: History) -> Iterator[Violation]:
         outside = np.where(np.isnan(x), 0.0, outside)
         for i, j in _runs(outside > EXACT_M):
             worst = float(outside[i:j].max())
-            text = f"{name} was {worst:.2f} m outside the geofence"
+            text = f"{name} was {_exact(worst)} m outside the geofence"
             yield _violation(history, "geofence", (name,), i, j, worst, 0.0, "m", text)
         if v >= history.n_uavs:
             continue
         for i, j in _runs(np.nan_to_num(z, nan=-np.inf) > fence.ceiling_m + EXACT_M):
             worst = float(z[i:j].max())
-            text = f"{name} was at {worst:.2f} m; the ceiling is {fence.ceiling_m:g} m"
+            text = f"{name} was at {_exact(worst)} m; the ceiling is {fence.ceiling_m:g} m"
             yield _violation(history, "ceiling", (name,), i, j, worst, fence.ceiling_m, "m", text)
 
 
@@ -188,6 +189,11 @@ def _violation(
 ) -> Violation:
     t = history.mission_s
     return Violation(kind, who, float(t[i]), float(t[min(j, len(t) - 1)]), worst, limit, unit, text)
+
+
+def _exact(value: float) -> str:
+    """Enough digits to see on which side of a limit it is, in arenas of 4 m too."""
+    return f"{value:.3f}" if abs(value) < 1 else f"{value:.2f}"
 
 
 def _runs(bad: NDArray[np.bool_]) -> list[tuple[int, int]]:

@@ -87,6 +87,12 @@ def test_numbers_by_hand():
     assert report.safety_violations == ()
 
 
+def test_a_charge_without_words_belongs_to_the_nearest_ugv():
+    history = by_hand()
+    silent = replace(history, doing=np.where(history.phase == "charging", "", history.doing))
+    assert build(silent).vehicles[3].recharges == 1
+
+
 def test_outcomes():
     assert build(by_hand(state="aborted")).outcome == "aborted"
     assert build(by_hand(state="running")).outcome == "failed"
