@@ -115,7 +115,8 @@ def test_two_uavs_at_one_ugv_are_never_in_the_column_together() -> None:
 def test_waiting_places_too_near_cannot_be_resolved() -> None:
     # both wait in one layer, 2 m apart, for a UGV that is still on its way
     settings = with_uav(with_uav(make_settings(), 1, altitude_m=60.0), 1, pad_offset_m=(0.0, 12.0))
-    settings = with_problem(settings, uavs=tuple(replace(u, waiting="landed") for u in settings.problem.uavs))
+    large = (replace(u, waiting="landed", energy_j=200e3, capacity_j=200e3) for u in settings.problem.uavs)
+    settings = with_problem(settings, uavs=tuple(large))
     actions = (Move(0, 1), Move(0, 0), Visit(0, 0), Recharge(0, 0), Recharge(1, 0), Visit(1, 1))
     paths = team_paths(settings, plan_of(settings, actions))
     _, conflicts = episodes(paths.uavs[0], paths.uavs[1], 5.0, 6.0)
