@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import TextIO
@@ -117,7 +118,8 @@ class Recorder:
             plan_request: the replan that ``step`` asked for.
 
         Raises:
-            DeployError: when the recording cannot be written any more (a full disk).
+            DeployError: when the recording cannot be written any more (a full disk); said once, from then on nothing is
+                recorded.
         """
         if self._closed:
             return
@@ -136,7 +138,7 @@ class Recorder:
         for event in events:
             self._write(self._events, encode(event), ns)
             self._scene.log(event, ns)
-            self._log.write(log_line(event))
+            self._note(log_line(event))
         if plan_request is not None:
             self._write(self._requests, encode({"time_s": now_s, "request": plan_request}), ns)
         if status is not None:
@@ -175,14 +177,21 @@ class Recorder:
         self._flush()
 
     def close(self) -> None:
-        """Ends the recording; closing again does nothing."""
+        """Ends the recording; closing again does nothing.
+
+        Raises:
+            DeployError: when its end cannot be written; what was flushed before is readable.
+        """
         if self._closed:
             return
         if self._last_status is not None:
             self._write_status(self._last_status, self._ns(self._now_s))
         self._closed = True
-        self._log.close()
-        self._writer.close()
+        try:
+            self._log.close()
+            self._writer.close()
+        except (OSError, RuntimeError) as error:
+            raise self._failure(error) from error
 
     def __enter__(self) -> Recorder:
         return self
@@ -192,6 +201,13 @@ class Recorder:
 
     def _ns(self, now_s: float) -> int:
         return self._start_ns + round(now_s * 1e9)
+
+    def _note(self, line: str) -> None:
+        try:
+            self._log.write(line)
+        except OSError as error:
+            self._give_up()
+            raise self._failure(error) from error
 
     def _write(self, channel: foxglove.Channel, data: bytes, ns: int) -> None:
         channel.base.log(data, ns)
@@ -205,8 +221,19 @@ class Recorder:
         try:
             self._writer.flush()
         except (OSError, RuntimeError) as error:
-            raise DeployError(f"{self._path}: cannot write the recording: {error}; free some disk space") from error
+            self._give_up()
+            raise self._failure(error) from error
         self._bytes, self._flushed_s = 0, time.monotonic()
+
+    def _give_up(self) -> None:
+        """Nothing can be written any more: say so once, and let the flight go on."""
+        self._closed = True
+        for end in (self._log.close, self._writer.close):
+            with suppress(OSError, RuntimeError):
+                end()
+
+    def _failure(self, error: Exception) -> DeployError:
+        return DeployError(f"{self._path}: cannot write the recording: {error}; free some disk space")
 
 
 def log_line(event: Event) -> str:

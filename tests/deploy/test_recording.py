@@ -136,20 +136,66 @@ def test_after_closing_nothing_is_written(tmp_path):
     assert list(read(tmp_path).ticks()) == []
 
 
-def test_a_full_disk_is_a_clear_error(tmp_path, monkeypatch):
-    recorder = Recorder(tmp_path, fabricated_run.meta(), fabricated_run.settings())
+FULL = """
+import resource, sys
+sys.path[:0] = {path!r}
+from pathlib import Path
+import fabricated_run
+from deploy import recording
+from deploy.errors import DeployError
+recording.FLUSH_BYTES = 20_000
+resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
+settings = fabricated_run.settings()
+recorder = recording.Recorder(Path({folder!r}), fabricated_run.meta(), settings)
+try:
+    fabricated_run.write(recorder, settings)
+except DeployError as error:
+    print(error)
+fabricated_run.write(recorder, settings, stop_s=20)
+recorder.close()
+"""
 
+
+@pytest.mark.parametrize("limit", [60_000, 500])
+def test_a_full_disk_is_said_once_and_costs_only_what_came_after(tmp_path, limit):
+    root = Path(__file__).resolve().parents[2]
+    path = [str(root), str(Path(__file__).parent)]
+    child = subprocess.run(
+        [sys.executable, "-c", FULL.format(path=path, folder=str(tmp_path), limit=limit)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if limit == 500:  # not even its head fits
+        assert "DeployError" in child.stderr
+        return
+    assert child.returncode == 0, child.stderr
+    (line,) = child.stdout.splitlines()
+    assert "recording.mcap: cannot write the recording" in line
+    assert line.endswith("free some disk space")
+    recording = read(tmp_path)
+    assert recording.truncated
+    assert len(list(recording.ticks())) > 20
+
+
+def test_a_log_that_cannot_be_written_and_an_end_that_cannot(tmp_path):
     class Full:
-        def flush(self):
+        def write(self, line):
             raise OSError("no space left")
 
         def close(self):
-            pass
+            raise OSError("no space left")
 
-    recorder._writer.close()
-    recorder._writer = Full()
+    event = Event(0.0, EventKind.POSE_STALE, Severity.WARNING, "uav0", Response.WARN, "old")
+    recorder = Recorder(tmp_path / "a", fabricated_run.meta(), fabricated_run.settings())
+    recorder._log = Full()
     with pytest.raises(DeployError, match="free some disk space"):
-        recorder.plan(fabricated_run.plan(fabricated_run.FIRST), 0.0, "first")
+        recorder.tick(Observation(0.0), events=[event])
+    recorder.close()
+    recorder = Recorder(tmp_path / "b", fabricated_run.meta(), fabricated_run.settings())
+    recorder._log = Full()
+    with pytest.raises(DeployError, match="free some disk space"):
+        recorder.close()
     recorder.close()
 
 
