@@ -182,9 +182,11 @@ def _fly(
 ) -> tuple[Outcome, str | None]:
     """Flies and records; returns the outcome and why the recording is not complete, if it is not."""
     now_s = fleet.clock.now()
-    # The checks expire on the wall clock; the supervisor judges by the loop's.
-    valid_s = checks.valid_until_s - time.monotonic()
+    # The checks expire on the wall clock, the supervisor judges by the loop's; nothing ages in a simulated world.
+    valid_s = checks.valid_s if fleet.virtual else checks.valid_until_s - time.monotonic()
     limit_s = mission.settings.frame.time_scale * (PATIENCE * plan.makespan_s + 3600.0)
+    # The last commands (motors off, disarm) may get lost like any other; stay until each could be repeated.
+    linger_s = mission.settings.monitors.command_attempts * mission.settings.monitors.command_confirm_s
     meta = RunMeta(
         name=mission.name,
         seed=mission.seed,
@@ -213,6 +215,7 @@ def _fly(
                 virtual=fleet.virtual,
                 checks_valid_s=now_s + valid_s,
                 limit_s=now_s + limit_s,
+                linger_s=linger_s,
             )
     finally:
         display.end()
@@ -234,7 +237,9 @@ def _planner(mission: Mission, fleet: Fleet) -> Planner:
 
 def _header(mission: Mission, fleet: Fleet) -> Header:
     problem = mission.problem
-    team = f"{len(problem.uavs)} UAVs, {len(problem.ugvs)} UGVs"
+    team = ", ".join(
+        f"{n} {what}{'' if n == 1 else 's'}" for n, what in ((len(problem.uavs), "UAV"), (len(problem.ugvs), "UGV"))
+    )
     return Header(
         mission=mission.name,
         subtitle=f"{team}, {fleet.name}, seed {mission.seed}",
