@@ -78,8 +78,6 @@ class Receiver:
                 return False
             u["rx"], u["ry"] = u["x"] + u["ex"], u["y"] + u["ey"]
             u["tx"], u["ty"] = u["rx"], u["ry"]
-        elif u["phase"] not in IN_MOTION:
-            return False
         elif u["phase"] != kernel.TAKEOFF:
             # a repeated one that has been done already must change nothing
             if u["phase"] == kernel.FLY and u["tz"] == command.altitude_m:

@@ -257,6 +257,12 @@ class UavContract(CommonContract):
             assert harness.clock.now() < end_s
         assert harness.is_still(uav)
 
+    def test_a_repeated_take_off_changes_nothing(self, harness: Harness) -> None:
+        there = harness.fly()
+        harness.vehicles[harness.uav].send(TakeOff(harness.uav, harness.altitude_m, harness.speed_mps))
+        assert harness.is_still(harness.uav)
+        assert harness.distance(harness.uav, there) < harness.tolerance_m
+
     def test_hold_brakes_and_hovers(self, harness: Harness) -> None:
         x, y, z = harness.fly()
         uav = harness.uav

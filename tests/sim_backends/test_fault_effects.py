@@ -250,3 +250,24 @@ def test_a_fault_for_nobody_is_refused() -> None:
         Team(Fault(FaultKind.DOCK_MISSED, "uav7"))
     with pytest.raises(SimulationError, match=r"uav0.*ugv0, ugv1"):
         Team(Fault(FaultKind.UGV_STALL, "uav0"))
+
+
+def test_a_dock_is_missed_only_as_long_as_the_fault_lasts() -> None:
+    team = docking(Fault(FaultKind.DOCK_MISSED, "uav0", at_s=0.0, duration_s=10.0, value=5))
+    team.wait(20.0)
+    assert team.truth("uav0").on == "ugv0"
+
+
+def test_a_lost_vehicle_hears_nothing_until_its_link_is_back() -> None:
+    lost = [Fault(FaultKind.VEHICLE_LOST, v, at_s=5.0, duration_s=10.0) for v in ("uav1", "ugv0")]
+    team = driving(*lost)
+    team.until(START_S + 7.0)
+    team.send(TakeOff("uav1", 10.0, 3.0), Drive("ugv0", ROAD, 3.0))
+    team.until(START_S + 14.0)
+    assert not team.truth("uav1").airborne
+    assert team.truth("ugv0").speed_mps == 0.0
+    team.until(START_S + 17.0)
+    assert team.state("uav1").link
+    team.send(TakeOff("uav1", 10.0, 3.0))
+    team.wait(8.0)
+    assert team.truth("uav1").position_m[2] == pytest.approx(10.0, abs=0.5)
