@@ -36,8 +36,8 @@ class Sim(StrEnum):
     WIRE = "wire"
 
 
-Mission = Annotated[Path, typer.Argument(help="A mission file (YAML).", show_default=False)]
-Run = Annotated[Path, typer.Argument(help="The folder of a run.", show_default=False)]
+Mission = Annotated[Path, typer.Argument(metavar="MISSION", help="A mission file (YAML).", show_default=False)]
+Run = Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run.", show_default=False)]
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on standard output, nothing else.")]
 Method = Annotated[
     str | None, typer.Option("--planner", metavar="NAME", help="Planning method.", show_default="mission's")
@@ -112,7 +112,8 @@ def check(mission: Mission, planner: Method = None, seed: Seed = None, as_json: 
 @guarded
 def plan(
     file: Annotated[
-        Path, typer.Argument(help="A mission (YAML) or a copcs-problem/1 file (JSON).", show_default=False)
+        Path,
+        typer.Argument(metavar="FILE", help="A mission (YAML) or a copcs-problem/1 file (JSON).", show_default=False),
     ],
     planner: Method = None,
     time: Annotated[
