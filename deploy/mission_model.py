@@ -43,7 +43,7 @@ Place = Annotated[Annotated[XY, Tag("xy")] | Annotated[LonLat, Tag("lonlat")], D
 
 
 class MapSection(Section):
-    """The map."""
+    """What UGVs may drive on, and what is drawn."""
 
     file: str
     """GeoJSON road network (``.geojson``, ``.json``) or ROS map_server file (``.yaml``), relative to this file."""
@@ -255,7 +255,7 @@ class MissionConfig(Section):
     seed: Seed = 1
     """Of everything random that names no seed of its own."""
     map: MapSection
-    """The map."""
+    """What UGVs may drive on, and what is drawn."""
     depot: Place
     """Where all vehicles start and end."""
     path_points: PathPoints

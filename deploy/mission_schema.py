@@ -1,4 +1,4 @@
-"""JSON schemas of mission and fleet files, for editors: ``python -m deploy.mission_schema`` writes them."""
+"""JSON schemas of mission and fleet files, for editors: ``python -m deploy.mission_schema`` writes them and the docs."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 from deploy.mission_fleet import UavConfig, UgvConfig
 from deploy.mission_model import FleetSection, MissionConfig
+from deploy.mission_reference import PAGE, page
 
 FOLDER = Path(__file__).parent.parent / "mission_configs"
 
@@ -56,3 +57,4 @@ def texts() -> dict[str, str]:
 if __name__ == "__main__":
     for file_name, text in texts().items():
         (FOLDER / file_name).write_text(text, encoding="utf-8")
+    PAGE.write_text(page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

@@ -65,7 +65,11 @@ def dotted(key: KeyPath) -> str:
     """``("tasks", 0, "x")`` as ``tasks[0].x``."""
     text = ""
     for part in key:
-        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            shown = part if part.isprintable() else repr(part)
+            text += f".{shown}" if text else shown
     return text
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,6 +15,7 @@ from planner.problem import Point
 from planner.roads import RoadError
 
 Array = NDArray[np.float64]
+_Piece = tuple[int, float, float, float, float, float]  # index, start x y, along x y, squared length
 
 
 class RoadNetwork:
@@ -38,8 +40,11 @@ class RoadNetwork:
         start, end = self._nodes[self._edges[:, 0]], self._nodes[self._edges[:, 1]]
         self._start, self._along = start, end - start
         self._length = np.hypot(self._along[:, 0], self._along[:, 1])
-        self._tree = shapely.STRtree(np.asarray(shapely.linestrings(np.stack([start, end], axis=1))))
+        # Pieces that can be nearest to a point of a square cell, filled in when asked for: vehicles move little.
+        self._cell_m = max(1e-3, float(np.ptp(self._nodes, axis=0).max()) / 128)
+        self._near: dict[tuple[int, int], list[_Piece]] = {}
         self._cost, self._before = self._shortest()
+        self._cost_at: Array = np.ascontiguousarray(self._cost.T)  # (n, P+1)
         n = len(snapped)
         between = self._cost[:, self._site_nodes]
         self._distance_m = np.minimum(between, between.T)
@@ -106,7 +111,7 @@ class RoadNetwork:
         piece, t, _ = self._nearest(point)
         a, b = self._edges[piece]
         length = self._length[piece]
-        nearest: Array = np.minimum(self._cost[:, a] + t * length, self._cost[:, b] + (1.0 - t) * length)
+        nearest: Array = np.minimum(self._cost_at[a] + t * length, self._cost_at[b] + (1.0 - t) * length)
         return nearest
 
     def route(self, start: Point, site: int) -> Array:
@@ -122,7 +127,7 @@ class RoadNetwork:
         if not np.isfinite(min(via_a, via_b)):
             raise RoadError(f"no road leads from ({start[0]:g}, {start[1]:g}) to site {site}")
         node = a if via_a <= via_b else b
-        points = [np.asarray(start, dtype=np.float64), foot]
+        points = [np.asarray(start, dtype=np.float64), np.array(foot)]
         while node >= 0:
             points.append(self._nodes[node])
             node = int(self._before[site, node])
@@ -134,7 +139,7 @@ class RoadNetwork:
     def offset_m(self, point: Point) -> float:
         """Distance from ``point`` to the nearest road in m."""
         _, _, foot = self._nearest(point)
-        return float(np.hypot(foot[0] - point[0], foot[1] - point[1]))
+        return math.hypot(foot[0] - point[0], foot[1] - point[1])
 
     def places(self, spacing_m: float) -> Array:
         """Points on the roads about ``spacing_m`` apart, (n, 2) in m, where path points may be placed."""
@@ -147,12 +152,32 @@ class RoadNetwork:
         _, first = np.unique(cell, axis=0, return_index=True)
         return points[np.sort(first)]
 
-    def _nearest(self, point: Point) -> tuple[int, float, Array]:
-        piece = int(self._tree.nearest(shapely.Point(point)))
-        (x0, y0), (dx, dy), length = self._start[piece], self._along[piece], self._length[piece]
-        t = ((point[0] - x0) * dx + (point[1] - y0) * dy) / (length * length)
-        t = min(1.0, max(0.0, float(t)))
-        return piece, t, np.array((x0 + t * dx, y0 + t * dy))
+    def _nearest(self, point: Point) -> tuple[int, float, Point]:
+        """The piece of road nearest to ``point``, how far along it (0 to 1), and where."""
+        x, y = point
+        cell = (math.floor(x / self._cell_m), math.floor(y / self._cell_m))
+        pieces = self._near.get(cell)
+        if pieces is None:
+            pieces = self._near[cell] = self._pieces_near(cell)
+        best, found = math.inf, (0, 0.0, point)
+        for index, x0, y0, dx, dy, squared in pieces:
+            t = ((x - x0) * dx + (y - y0) * dy) / squared
+            t = 0.0 if t < 0.0 else 1.0 if t > 1.0 else t
+            fx, fy = x0 + t * dx, y0 + t * dy
+            away = (fx - x) * (fx - x) + (fy - y) * (fy - y)
+            if away < best:
+                best, found = away, (index, t, (fx, fy))
+        return found
+
+    def _pieces_near(self, cell: tuple[int, int]) -> list[_Piece]:
+        centre = (np.array(cell) + 0.5) * self._cell_m
+        squared = self._length**2
+        t = np.clip(((centre - self._start) * self._along).sum(axis=1) / squared, 0.0, 1.0)
+        away = np.hypot(*(self._start + t[:, None] * self._along - centre).T)
+        # Within the cell, distances differ by at most half its diagonal from those at its centre.
+        near = np.flatnonzero(away <= away.min() + 1.4143 * self._cell_m)
+        columns = (near, *self._start[near].T, *self._along[near].T, squared[near])
+        return list(zip(*(column.tolist() for column in columns), strict=True))
 
     def _shortest(self) -> tuple[Array, NDArray[np.int32]]:
         a, b = self._edges.T

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import time
 from dataclasses import replace
 from itertools import combinations
@@ -21,6 +22,7 @@ from mission_files import FLEET, MISSION, changed, write
 from deploy.errors import InputError
 from deploy.mission import Mission, load, schema
 from deploy.mission_copy import save_copy
+from deploy.mission_reference import PAGE, page
 from deploy.mission_schema import FOLDER, fleet_schema, texts
 from deploy.mission_slots import best_turn, make_slots
 from deploy.yaml_file import read_yaml
@@ -233,6 +235,23 @@ def test_schema_files_are_current() -> None:
         assert (FOLDER / name).read_text(encoding="utf-8") == text, hint
 
 
+def test_the_documented_keys_are_current() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    assert page(text) == text, "run: python -m deploy.mission_schema"
+
+
+@pytest.mark.parametrize("block", re.findall(r"```yaml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL))
+def test_examples_in_the_docs_load(block: str, tmp_path: Path) -> None:
+    if block.startswith("version"):
+        base = block
+        for name in ("maps/rural.geojson", "fleets/demo.yaml"):
+            base = base.replace(name, str(FOLDER / name))
+        (tmp_path / "mission.yaml").write_text(base, encoding="utf-8")
+        assert load(tmp_path / "mission.yaml").problem.n_tasks == 15
+    else:
+        assert len(load(write(tmp_path, fleet=block)).fleet) == 2
+
+
 def test_schemas_accept_what_is_shipped_and_refuse_typos() -> None:
     jsonschema.Draft202012Validator.check_schema(schema())
     for path in SHIPPED:
@@ -267,7 +286,9 @@ DEMO = read_yaml(FOLDER / "demo.yaml", "mission").data
 DEMO_FLEET = read_yaml(FOLDER / "fleets" / "demo.yaml", "fleet").data
 
 
-@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True)
+@settings(
+    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True
+)
 @given(
     changes=st.lists(st.tuples(st.sampled_from(leaves(DEMO)), JUNK), max_size=2),
     fleet_changes=st.lists(st.tuples(st.sampled_from(leaves(DEMO_FLEET)), JUNK), max_size=2),
