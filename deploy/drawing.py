@@ -15,7 +15,7 @@ from planner.roads import RoadError, Roads
 Array = NDArray[np.float64]
 
 # From Okabe and Ito's and Tol's palettes, which people with any colour vision tell apart; none near charging's yellow
-UAV_COLOURS = ("#0072B2", "#D55E00", "#AA4499", "#3A9AD9", "#882255", "#56606B")
+UAV_COLOURS = ("#0072B2", "#D55E00", "#AA4499", "#56606B", "#3A9AD9", "#882255")
 UGV_COLOURS = ("#009E73", "#7A5230", "#5A5A8C", "#8A9A1F", "#44AA99", "#A0522D")
 POLYGON_COLOURS = {"water": "#CFE3F2", "building": "#DDD8D2", "forest": "#DCEAD3"}
 OTHER_POLYGON = "#E8E8E8"

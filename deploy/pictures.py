@@ -96,7 +96,7 @@ def plan_picture(
                 _draw_line(axes, row.points_m / unit, colours[row.vehicle], row.kind)
         who = {a.task: problem.uavs[a.uav].id for a in plan.actions if isinstance(a, Visit)}
         labels = draw_sites(axes, problem, unit)
-        draw_recharges(axes, [(r.position_m, colours[r.ugv]) for r in recharges], unit)
+        labels += draw_recharges(axes, [(r.position_m, colours[r.ugv]) for r in recharges], unit)
         draw_tasks(axes, problem, unit, {task: colours[uav] for task, uav in who.items()})
         _label_and_legend(
             axes, labels, problem, unit, _vehicle_handles(colours, problem) + _site_handles(bool(recharges))
@@ -161,7 +161,7 @@ def run_figure(history: History, drawing: MapDrawing, width_in: float = 7.4) -> 
                 x, y = history.world_m[charge.first, u]
                 ugv = charger(history, u, charge)
                 spots.append(((float(x), float(y)), colours[ugv] if ugv else INK))
-        draw_recharges(axes, spots, unit)
+        labels += draw_recharges(axes, spots, unit)
         by = {visit.task: colours[visit.uav] if visit.uav else INK for visit in history.visits}
         draw_tasks(axes, problem, unit, by)
         handles = [
@@ -235,8 +235,8 @@ def draw_tasks(axes: Axes, problem: Problem, unit: float, colour_of: Mapping[int
             )
 
 
-def draw_recharges(axes: Axes, spots: Iterable[tuple[tuple[float, float], str]], unit: float) -> None:
-    """Draws a bolt in a ring of the UGV's colour; several at one place get their count."""
+def draw_recharges(axes: Axes, spots: Iterable[tuple[tuple[float, float], str]], unit: float) -> list[Label]:
+    """Draws a bolt in a ring of the UGV's colour; returns their counts, where several are at one place, as labels."""
     x0, x1 = axes.get_xlim()
     near = (x1 - x0) / 60
     groups: list[tuple[float, float, str, int]] = []
@@ -248,14 +248,10 @@ def draw_recharges(axes: Axes, spots: Iterable[tuple[tuple[float, float], str]],
                 break
         else:
             groups.append((*at, colour, 1))
-    for x, y, colour, n in groups:
+    for x, y, colour, _ in groups:
         axes.scatter([x], [y], s=170, facecolor="white", edgecolor=colour, linewidth=2.0, zorder=7)
         axes.scatter([x], [y], s=75, marker=BOLT, facecolor=RECHARGE, edgecolor=INK, linewidth=0.5, zorder=7.2)
-        if n > 1:
-            axes.annotate(
-                f"×{n}", (x, y), xytext=(6.5, -8.5), textcoords="offset points", fontsize=7.5, weight="bold", zorder=9,
-                path_effects=[withStroke(linewidth=2.5, foreground="white")],
-            )  # fmt: skip
+    return [Label(x, y, f"×{n}", 8.0, INK, bold=True) for x, y, _, n in groups if n > 1]
 
 
 def _draw_line(axes: Axes, points: Array, colour: str, kind: str) -> None:
