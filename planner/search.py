@@ -6,7 +6,7 @@ Searching over the list that the evaluator decodes needs no bookkeeping of how r
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,7 +24,13 @@ from planner.problem import Problem
 from planner.schedule import evaluate
 from planner.solve import Params, Result, Stop
 
+# With some thirty arguments each, unpacked from tuples, the kernels' signatures are beyond the type checker.
+_run: Callable[..., bool] = kernel.run
+_settle: Callable[..., None] = search_kernel.settle
+_anneal_steps: Callable[..., float] = search_kernel.anneal
+
 CHUNK = 2_000  # steps between two looks at the clock and changes of the shortage's weight
+UNVISITED_WALK_S = 2e4  # what a task left out costs on the walk, where leaving out is allowed
 CLOCK_GUESS_PER_S = 400_000.0  # first guess of steps per second, only to shape the first chunks
 
 
@@ -36,15 +42,15 @@ class Options:
         allow_partial: tasks that cannot be served are left out; the number of visits comes first, then the makespan.
         exclude_uavs: indices of UAVs that get no action and need no recovery.
         exclude_ugvs: indices of UGVs that get no action.
-        hot: first temperature as a share of the first plan's makespan.
+        hot: first temperature as a share of the best makespan so far.
         cold: last temperature as such a share.
     """
 
     allow_partial: bool = False
     exclude_uavs: frozenset[int] = frozenset()
     exclude_ugvs: frozenset[int] = frozenset()
-    hot: float = 0.02
-    cold: float = 0.0001
+    hot: float = 0.05
+    cold: float = 0.0005
 
     @classmethod
     def read(cls, options: Mapping[str, Any]) -> Options:
@@ -89,6 +95,8 @@ class _Search:
         self.near_tasks, self.near_sites = _neighbours(a)
         self.scratch = a.scratch()
         self.rows = np.empty((0, 9))
+        # Where tasks may be left out, no number of visits makes up for a vehicle that is lost.
+        self.short_s = 1e9 if options.allow_partial else 1e3
         todo = int((a.visited == 0).sum())
         self.capacity = 4 * todo + 8 * len(a.uavs) + 64
         # xorshift's state may not be 0; the multiplication spreads small seeds over all bits
@@ -111,13 +119,17 @@ class _Search:
         return acts, counts
 
     def settle(self, acts: Ints, counts: NDArray[np.int64], fill: bool) -> None:
-        search_kernel.settle(acts, counts, *self.fixed, self.rows, *self.scratch, self.uav_list, fill)
+        _settle(acts, counts, *self.fixed, self.rows, *self.scratch, self.uav_list, fill, self.short_s)
 
     def score(self, acts: Ints, counts: NDArray[np.int64]) -> float:
         n = int(counts[0])
         node, us, site, gs, docks, seen, out = self.scratch
-        kernel.run(acts, n, *self.fixed, np.inf, self.rows, node, us, site, gs, docks, seen, out)
-        return search_kernel.score(out, n, search_kernel.SHORT_BEST)
+        _run(acts, n, *self.fixed, np.inf, self.rows, node, us, site, gs, docks, seen, out)
+        return search_kernel.score(out, n, self.short_s, search_kernel.UNVISITED_S)
+
+    def makespan(self, acts: Ints, counts: NDArray[np.int64]) -> float:
+        self.score(acts, counts)
+        return max(1.0, float(self.scratch[-1][kernel.O_MAKESPAN]))
 
 
 def search(problem: Problem, stop: Stop, seed: int, params: Params) -> Result:
@@ -147,10 +159,8 @@ def search(problem: Problem, stop: Stop, seed: int, params: Params) -> Result:
 def _anneal(s: _Search, best: Ints, best_counts: NDArray[np.int64], stop: Stop, begun: float) -> int:
     """Improves ``best`` in place until ``stop``; how many steps it took."""
     current, counts = best.copy(), best_counts.copy()
-    scale = max(1.0, s.score(best, best_counts) % search_kernel.UNVISITED_S)
-    scale = min(scale, 20_000.0)
-    hot, cold = s.options.hot * scale, s.options.cold * scale
-    weight = 5.0
+    least, most = (200.0, 1e5) if s.options.allow_partial else (2.0, 1e3)
+    weight = 5.0 * least
     done = 0
     share = 0.0
     while True:
@@ -166,15 +176,18 @@ def _anneal(s: _Search, best: Ints, best_counts: NDArray[np.int64], stop: Stop, 
             pace = used / done if done else 1.0 / CLOCK_GUESS_PER_S
             after = max(after, (used + steps * pace) / stop.time_s)
         after = min(max(after, share), 1.0)
-        fine = search_kernel.anneal(
+        scale = s.makespan(best, best_counts)  # the first plan may be far longer than what soon is found
+        hot, cold = s.options.hot * scale, s.options.cold * scale
+        fine = _anneal_steps(
             best, best_counts, current, counts, *s.fixed, s.rows, *s.scratch,
             s.near_tasks, s.near_sites, s.uav_list, s.ugv_list, s.options.allow_partial, s.rng,
             steps, hot * (cold / hot) ** share, hot * (cold / hot) ** after, weight,
+            UNVISITED_WALK_S, s.short_s,
         )  # fmt: skip
         if fine < 0.4:
-            weight = min(weight * 1.25, 1e3)
+            weight = min(weight * 1.25, most)
         elif fine > 0.7:
-            weight = max(weight / 1.25, 2.0)
+            weight = max(weight / 1.25, least)
         done += steps
         if stop.iterations is not None:
             share = max(share, done / stop.iterations)

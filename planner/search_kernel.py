@@ -17,7 +17,6 @@ VISIT, RECHARGE, MOVE = kernel.VISIT, kernel.RECHARGE, kernel.MOVE
 O_MAKESPAN, O_UNVISITED, O_SHORT_S = kernel.O_MAKESPAN, kernel.O_UNVISITED, kernel.O_SHORT_S
 O_SUM_S, O_FLY_S, O_DRIVE_S = kernel.O_SUM_S, kernel.O_FLY_S, kernel.O_DRIVE_S
 UNVISITED_S = 1e6  # what a task left out costs: more than any makespan, so the number of visits comes first
-SHORT_BEST = 1e3  # weight of a shortage where infeasible plans are compared with one another
 FLY, DRIVE, ACTION, FINISH = 2e-3, 1e-3, 0.02, 2e-4  # small weights per flown s, driven s, action, UAV's last end
 
 State = NDArray[np.uint64]
@@ -255,10 +254,10 @@ def change(
 
 
 @jit
-def score(out: Floats, n: int, weight: float) -> float:
-    """What the search minimises, in s; ``weight`` is that of a shortage."""
+def score(out: Floats, n: int, weight: float, unvisited_s: float) -> float:
+    """What the search minimises, in s; ``weight`` is that of a shortage, ``unvisited_s`` of a task left out."""
     small = FLY * out[O_FLY_S] + DRIVE * out[O_DRIVE_S] + FINISH * out[O_SUM_S] + ACTION * n
-    return float(out[O_MAKESPAN] + small + weight * out[O_SHORT_S] + UNVISITED_S * out[O_UNVISITED])
+    return float(out[O_MAKESPAN] + small + weight * out[O_SHORT_S] + unvisited_s * out[O_UNVISITED])
 
 
 @jit
@@ -295,11 +294,14 @@ def anneal(
     hot_s: float,
     cold_s: float,
     weight: float,
+    unvisited_s: float,
+    short_s: float,
 ) -> float:
-    """Runs ``iterations`` steps while the temperature falls from ``hot_s`` to ``cold_s``; shares of feasible plans.
+    """Runs ``iterations`` steps while the temperature falls from ``hot_s`` to ``cold_s``.
 
-    ``best``, ``current`` and their counts are changed in place. The return value is the share of steps at which the
-    current plan was feasible.
+    ``best``, ``current`` and their counts are changed in place. A second of shortage costs ``weight`` in the walk and
+    ``short_s`` where the best is chosen, a task left out ``unvisited_s`` and ``UNVISITED_S``. The return value is the
+    share of steps at which the current plan was feasible.
     """
     capacity = len(current)
     a = current
@@ -308,11 +310,11 @@ def anneal(
     a_counts = counts.copy()
     run(best, best_counts[0], dist, near, road, uavs, ugvs, site0, docks0, visited, uav_on, ugv_on, np.inf, rows,
         node, us, site, gs, docks, seen, out)  # fmt: skip
-    best_score = score(out, best_counts[0], SHORT_BEST)
+    best_score = score(out, best_counts[0], short_s, UNVISITED_S)
     best_ok = out[O_SHORT_S] == 0.0
     run(a, a_counts[0], dist, near, road, uavs, ugvs, site0, docks0, visited, uav_on, ugv_on, np.inf, rows,
         node, us, site, gs, docks, seen, out)  # fmt: skip
-    a_score = score(out, a_counts[0], weight)
+    a_score = score(out, a_counts[0], weight, unvisited_s)
     a_ok = out[O_SHORT_S] == 0.0
     fine = 0
     ratio = (cold_s / hot_s) ** (1.0 / max(1, iterations))
@@ -331,7 +333,7 @@ def anneal(
         if not run(b, b_counts[0], dist, near, road, uavs, ugvs, site0, docks0, visited, uav_on, ugv_on, limit, rows,
                    node, us, site, gs, docks, seen, out):  # fmt: skip
             continue
-        b_score = score(out, b_counts[0], weight)
+        b_score = score(out, b_counts[0], weight, unvisited_s)
         if b_score > limit:
             continue
         a, b = b, a
@@ -340,7 +342,7 @@ def anneal(
         a_counts[1] = b_counts[1]
         a_ok = out[O_SHORT_S] == 0.0
         if a_ok or not best_ok:
-            value = score(out, a_counts[0], SHORT_BEST)
+            value = score(out, a_counts[0], short_s, UNVISITED_S)
             if value < best_score or (a_ok and not best_ok):
                 best_score = value
                 best_ok = a_ok
@@ -381,19 +383,21 @@ def settle(
     out: Floats,
     uav_list: Ints,
     fill: bool,
+    short_s: float,
 ) -> None:
-    """Puts pool tasks where they cost least (all, or with ``fill`` false only where that is an improvement).
+    """Puts pool tasks where they cost least (with ``fill`` all, else those that make the plan better).
 
     Recharges and moves that are of no use are taken out as well.
     """
     trial = np.empty_like(acts)
-    while counts[1] > 0:
+    k = 0
+    while k < counts[1]:
         n = counts[0]
         total = n + counts[1]
-        task = acts[n] & 4095
+        task = acts[n + k] & 4095
         run(acts, n, dist, near, road, uavs, ugvs, site0, docks0, visited, uav_on, ugv_on, np.inf, rows,
             node, us, site, gs, docks, seen, out)  # fmt: skip
-        least = np.inf if fill else score(out, n, SHORT_BEST)
+        least = np.inf if fill else score(out, n, short_s, UNVISITED_S)
         best_at = -1
         best_uav = 0
         for uav in uav_list:
@@ -405,28 +409,29 @@ def settle(
                     trial[i + 1] = acts[i]
                 run(trial, n + 1, dist, near, road, uavs, ugvs, site0, docks0, visited, uav_on, ugv_on, np.inf, rows,
                     node, us, site, gs, docks, seen, out)  # fmt: skip
-                value = score(out, n + 1, SHORT_BEST)
+                value = score(out, n + 1, short_s, UNVISITED_S)
                 if value < least:
                     least = value
                     best_at = at
                     best_uav = uav
         if best_at < 0:
-            break
-        remove(acts, total, n)
+            k += 1
+            continue
+        remove(acts, total, n + k)
         insert(acts, total - 1, best_at, best_uav << 12 | task)
         counts[0] += 1
         counts[1] -= 1
     i = counts[0] - 1
     run(acts, counts[0], dist, near, road, uavs, ugvs, site0, docks0, visited, uav_on, ugv_on, np.inf, rows,
         node, us, site, gs, docks, seen, out)  # fmt: skip
-    least = score(out, counts[0], SHORT_BEST)
+    least = score(out, counts[0], short_s, UNVISITED_S)
     while i >= 0:
         if (acts[i] >> 24) != VISIT:
             total = counts[0] + counts[1]
             code = remove(acts, total, i)
             run(acts, counts[0] - 1, dist, near, road, uavs, ugvs, site0, docks0, visited, uav_on, ugv_on, np.inf,
                 rows, node, us, site, gs, docks, seen, out)  # fmt: skip
-            value = score(out, counts[0] - 1, SHORT_BEST)
+            value = score(out, counts[0] - 1, short_s, UNVISITED_S)
             if value <= least:
                 least = value
                 counts[0] -= 1

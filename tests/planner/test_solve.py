@@ -1,0 +1,81 @@
+"""The dispatcher, the presets and the compilation helper."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from planner import jit, kernel
+from planner.errors import PlannerError
+from planner.presets import DEPOT, PRESETS, preset, random_roads
+from planner.solve import METHODS, Params, Stop, solve
+
+
+def test_unknown_method() -> None:
+    with pytest.raises(PlannerError, match="method 'magic' does not exist; there are search"):
+        solve(preset("T15-P5"), Stop(iterations=1), 0, Params("magic"))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_fills_in_its_name(method: str) -> None:
+    result = solve(preset("T15-P5"), Stop(iterations=1), 0, Params(method))
+    assert result.plan.method == method
+    assert result.plan.planning_s is not None
+
+
+@pytest.mark.parametrize("seed", [-1, 1.0, "1", True, 1 << 64])
+def test_wrong_seed(seed: object) -> None:
+    with pytest.raises(PlannerError, match="seed is"):
+        solve(preset("T15-P5"), Stop(iterations=1), seed)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("seed", [0, 1, (1 << 64) - 1])
+def test_any_seed_works(seed: int) -> None:
+    assert solve(preset("T15-P5"), Stop(iterations=500), seed).plan.feasible
+
+
+def test_stop_needs_a_limit() -> None:
+    for values in ({}, {"time_s": 0.0}, {"iterations": -1}):
+        with pytest.raises(PlannerError, match="stop:"):
+            Stop(**values)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_presets(name: str) -> None:
+    problem = preset(name, (4, 2), 3, uav={"waiting": "hover"}, ugv={"docks": 1})
+    assert (problem.n_tasks, len(problem.path_points)) == PRESETS[name]
+    assert problem.depot == DEPOT
+    assert np.isfinite(problem.road_distance_m).all()
+    away = np.linalg.norm(problem.tasks[:, None] - problem.sites[None], axis=2).min(axis=1)
+    assert away.max() <= 6_500.0
+    assert problem.uavs[3].waiting == "hover" and problem.ugvs[1].docks == 1
+    assert preset(name, (4, 2), 3, uav={"waiting": "hover"}, ugv={"docks": 1}).digest == problem.digest
+    assert preset(name, (4, 2), 4).digest != preset(name, (4, 2), 3).digest
+    flying = problem.uavs[0]
+    assert flying.capacity_j / flying.cruise_w * flying.speed_mps == pytest.approx(14_490, abs=10)
+
+
+def test_presets_on_given_roads() -> None:
+    class Given:
+        sites, distance_m = random_roads(5, np.random.default_rng(1))
+
+    one, two = preset("T15-P5", seed=1, roads=Given), preset("T15-P5", seed=2, roads=Given)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(one.road_distance_m, two.road_distance_m)
+    assert (one.tasks != two.tasks).any()
+    with pytest.raises(PlannerError, match="T45-P10 has 10 path points, the roads have 5"):
+        preset("T45-P10", roads=Given)  # type: ignore[arg-type]
+    with pytest.raises(PlannerError, match="preset 'T99' does not exist; there are T15-P5, T45-P10"):
+        preset("T99")
+
+
+def test_roads_are_shortest_paths() -> None:
+    sites, road = random_roads(8, np.random.default_rng(2))
+    straight = np.linalg.norm(sites[:, None] - sites[None], axis=2)
+    assert (road >= straight - 1e-9).all() and (road == road.T).all()
+    for k in range(9):
+        assert (road <= road[:, k, None] + road[None, k, :] + 1e-6).all()
+
+
+def test_machine_code_is_kept_and_bound_to_all_kernels() -> None:
+    cache = kernel.run._cache  # type: ignore[attr-defined]
+    assert cache._cache_file._source_stamp[1] == jit._STAMP
