@@ -44,8 +44,8 @@ def _tables(schema: dict[str, Any], title: str, skip: tuple[str, ...]) -> str:
     for name, section in schema["$defs"].items():
         if name not in skip and "properties" in section:
             where = _where(schema, name)
-            about = section.get("description", "").splitlines()
-            text += f"### `{where}`\n\n{about[0].replace('``', '`') if about else ''}\n\n{_table(section)}\n"
+            about = section.get("description", "").partition("\n")[0].replace("``", "`")
+            text += f"### `{where}`\n\n{about}\n\n{_table(section)}\n"
     return text
 
 

@@ -1,4 +1,4 @@
-"""JSON schemas of mission and fleet files, for editors: ``python -m deploy.mission_schema`` writes them and the docs."""
+"""JSON schemas of mission and fleet files, for editors; ``python -m deploy.mission_schema`` writes them and docs."""
 
 from __future__ import annotations
 

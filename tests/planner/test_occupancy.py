@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -46,7 +47,7 @@ def test_distances_are_symmetric_and_a_little_too_long(roads: OccupancyRoads) ->
     assert (d == d.T).all()
     assert (np.diag(d) == 0).all()
     corners = [(35, 10), (42, 43), (58, 43), (90, 10)]  # around the wall with 3 m of clearance
-    shortest = sum(math.dist(a, b) for a, b in zip(corners, corners[1:], strict=False))
+    shortest = sum(math.dist(a, b) for a, b in pairwise(corners))
     assert 0.97 * shortest < d[0, 1] < 1.03 * shortest
 
 
@@ -56,7 +57,7 @@ def test_routes_keep_clear_and_are_straight(roads: OccupancyRoads) -> None:
     assert line[-1].tolist() == [90, 10]
     assert len(line) < 8
     assert length(line) <= roads.distances_from((35.0, 10.0))[1] + 1.5
-    for a, b in zip(line, line[1:], strict=False):
+    for a, b in pairwise(line):
         for t in np.linspace(0, 1, 50):
             x, y = a + t * (b - a)
             assert roads.offset_m((x, y)) <= 1.0
