@@ -54,8 +54,8 @@ def fly(look_s: float, *faults: Fault, **changes: Any) -> Team:
 
 def fingerprint(team: Team) -> bytes:
     a = team.backend.world.arrays
-    uavs = a.uavs[[n for n in a.uavs.dtype.names or () if n not in LOOP_ONLY]]
-    return b"".join(array.tobytes() for array in (uavs, a.ugvs, a.out, a.hist, a.records))
+    uavs = [a.uavs[n] for n in a.uavs.dtype.names or () if n not in LOOP_ONLY]
+    return b"".join(array.tobytes() for array in (*uavs, a.ugvs, a.out, a.hist, a.records))
 
 
 FAULTED = (
