@@ -1,4 +1,4 @@
-"""The loop: observe, step, gate, send, record; at 50 Hz in real time, jumping from event to event on a virtual clock."""
+"""The loop: observe, step, gate, send, record; at 50 Hz in real time, jumping between events on a virtual clock."""
 
 from __future__ import annotations
 
@@ -164,16 +164,13 @@ class _Loop:
         self.turns = self.late_turns = 0
         self.now_s = clock.now()
         self.due_s = self.now_s
-        self._by_body = {c.body: vehicles[c.id] for c in (*settings.uavs, *settings.ugvs)}
+        self._by_body = {c.body: vehicles[c.id] for c in settings.vehicles}
         observer.plan(plan, self.now_s, 0.0, "first plan", settings.problem)
 
     def turn(self, wishes: Sequence[OperatorInput]) -> None:
         """One turn."""
         self.now_s = now_s = self.clock.now()
         poses = [p for p in self.poses.read() if _finite(p)]
-        for pose in poses:
-            if (vehicle := self._by_body.get(pose.body)) is not None:
-                vehicle.feed_pose(pose)
         late_s = max(0.0, now_s - self.due_s)
         self.late_turns += late_s > PERIOD_S
         observation = Observation(
@@ -181,7 +178,7 @@ class _Loop:
             poses=tuple(poses),
             vehicles=tuple(v.state() for v in self.vehicles.values()),
             operator=(*wishes, *self.operator.poll()),
-            plan_reply=self._reply(),
+            plan_reply=self.planner.poll(now_s),
             refusals=self.refusals,
             late_s=late_s,
         )
@@ -189,6 +186,7 @@ class _Loop:
         result = supervisor.step(self.settings, before, observation)
         verdict = judge(self.settings, self.gate, observation, result.commands)
         self.state, self.gate, self.refusals = result.state, verdict.state, verdict.refused
+        self._feed(poses)
         sent = tuple(self.vehicles[c.vehicle].send(c) for c in verdict.accepted)
         if result.request is not None:
             self.planner.submit(result.request, now_s)
@@ -201,8 +199,16 @@ class _Loop:
             self._tell_plan(result.adopted, observation.plan_reply, result.events)
         self.turns += 1
 
-    def _reply(self) -> PlanReply | None:
-        return self.planner.poll(self.now_s)
+    def _feed(self, poses: Sequence[Pose]) -> None:
+        """Hands each vehicle its pose, when the supervisor trusts it: a jump or a swap must not steer anybody."""
+        trusted = {
+            config.body: unit.track.stamp_s
+            for unit, config in zip(self.state.units, self.settings.vehicles, strict=True)
+            if unit.track is not None
+        }
+        for pose in poses:
+            if trusted.get(pose.body) == pose.stamp_s:
+                self._by_body[pose.body].feed_pose(pose)
 
     def _tell_plan(self, adopted: Adopted, reply: PlanReply | None, events: Sequence[Event]) -> None:
         schedule = evaluate(

@@ -192,3 +192,8 @@ class Settings:
     problem: Problem
     roads: Roads
     failsafe: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def vehicles(self) -> tuple[UavSettings | UgvSettings, ...]:
+        """UAVs, then UGVs."""
+        return (*self.uavs, *self.ugvs)

@@ -260,6 +260,11 @@ class State:
     active: frozenset[EventKind] = frozenset()
 
     @property
+    def units(self) -> tuple[UavState | UgvState, ...]:
+        """UAVs, then UGVs."""
+        return (*self.uavs, *self.ugvs)
+
+    @property
     def over(self) -> bool:
         """The mission has ended."""
         return self.phase in (MissionPhase.DONE, MissionPhase.ABORTED)

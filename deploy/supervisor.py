@@ -301,9 +301,10 @@ def _mission(turn: Turn) -> None:
         recovery.finish(turn)
     elif phase is M.RECOVERING and recovery.everybody_down(turn):
         turn.state = replace(turn.state, end_s=turn.now_s)
-        turn.commands.extend(Disarm(c.id) for c in (*turn.settings.uavs, *turn.settings.ugvs))
+        turn.commands.extend(Disarm(c.id) for c in turn.settings.vehicles)
         recovery.enter(turn, M.ABORTED if turn.state.aborting else M.DONE, "everybody is down")
 
 
 def _all_armed(turn: Turn) -> bool:
-    return all(v.telemetry is not None and v.telemetry.armed for v in (*turn.uavs, *turn.ugvs))
+    units: list[UavState | UgvState] = [*turn.uavs, *turn.ugvs]
+    return all(v.telemetry is not None and v.telemetry.armed for v in units)
