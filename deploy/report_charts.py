@@ -239,16 +239,26 @@ def _planned_energy(adopted: Adopted, uav: int, start_j: float) -> tuple[list[fl
 
 
 def _replans(axes: Axes, history: History, label: bool = False) -> None:
-    top = 1.0
-    for number, adopted in enumerate(history.plans[1:], start=1):
-        x = history.to_mission_s(adopted.time_s) / 60
+    """A line for each replan; those close together share a label."""
+    times = [history.to_mission_s(adopted.time_s) / 60 for adopted in history.plans[1:]]
+    for x in times:
         axes.axvline(x, color=ALARM, lw=1.1, ls="--", zorder=0.5)
-        if label:
-            axes.annotate(
-                f"replan {number}", (x, top), xycoords=("data", "axes fraction"), xytext=(3, -2),
-                textcoords="offset points", va="top", fontsize=7.5, color=ALARM,
-                path_effects=[withStroke(linewidth=2, foreground="white")],
-            )  # fmt: skip
+    if not label:
+        return
+    room = axes.get_xlim()[1] * 0.075
+    groups: list[tuple[float, list[str]]] = []
+    for number, x in enumerate(times, start=1):
+        if groups and x - groups[-1][0] < room:
+            groups[-1][1].append(str(number))
+        else:
+            groups.append((x, [str(number)]))
+    for x, numbers in groups:
+        shown = numbers if len(numbers) <= 3 else [numbers[0], "…", numbers[-1]]
+        axes.annotate(
+            f"replan {', '.join(shown)}", (x, 1.0), xycoords=("data", "axes fraction"), xytext=(3, -2),
+            textcoords="offset points", va="top", fontsize=7.5, color=ALARM,
+            path_effects=[withStroke(linewidth=2, foreground="white")],
+        )  # fmt: skip
 
 
 def _finish(axes: Axes) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from deploy.events import EventKind
 from deploy.report_history import Array, History
-from deploy.state import UavPhase, UgvPhase
+from deploy.state import AIRBORNE, UavPhase, UgvPhase
 
 EXACT_M = 1e-6  # a boundary is not breached by rounding
 
@@ -163,11 +163,18 @@ def _energy(history: History) -> tuple[dict[str, float], list[Violation]]:
         margin = np.where(np.isnan(margin) | (history.phase[:, v] == str(UavPhase.LOST)), np.inf, margin)
         if np.isfinite(margin).any():
             margins[uav.id] = float(margin.min())
-        for i, j in _runs(margin < -EXACT_M):
+        for i, j in _runs((margin < -EXACT_M) & _using(history, v)):
             worst = float(margin[i:j].min())
             text = f"{uav.id} was {-worst / 1000:.2f} kJ below its reserve of {uav.reserve_j / 1000:.1f} kJ"
             found.append(_violation(history, "energy", (uav.id,), i, j, worst, 0.0, "J", text))
     return margins, found
+
+
+def _using(history: History, uav: int) -> NDArray[np.bool_]:
+    """When a UAV uses energy, and the moment after, (T,): a low battery on the ground breaches nothing anew."""
+    up: NDArray[np.bool_] = np.isin(history.phase[:, uav], [str(p) for p in AIRBORNE])
+    after: NDArray[np.bool_] = np.concatenate([up[:1], up[:-1]])
+    return np.logical_or(up, after)
 
 
 def _told(history: History) -> Iterator[Violation]:

@@ -117,6 +117,18 @@ def test_energy_below_reserve():
     assert (found.kind, found.worst, found.start_s, found.end_s) == ("energy", -900.0, 2.0, 4.0)
 
 
+def test_a_low_battery_on_the_ground_is_no_breach_of_its_own():
+    low = RESERVE_J - 500.0
+    safety = judged(
+        status(1),
+        status(2, uav1=at(phase="down", energy=low)),
+        *(status(t, uav1=at(phase="down", energy=low)) for t in (3, 4)),
+    )
+    assert safety.min_energy_margin_j == -500.0
+    (found,) = safety.violations  # it was below when it touched down
+    assert (found.start_s, found.end_s) == (2.0, 3.0)
+
+
 def test_energy_of_a_lost_uav_is_nobodys_knowledge():
     gone = at(phase="lost", energy=0.0)
     assert judged(status(1, uav1=gone)).min_energy_margin_j == 200_000.0 - RESERVE_J
