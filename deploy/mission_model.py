@@ -255,7 +255,7 @@ class MissionConfig(Section):
     seed: Seed = 1
     """Of everything random that names no seed of its own."""
     map: MapSection
-    """What UGVs may drive on, and what is drawn."""
+    """The map file and how to read it."""
     depot: Place
     """Where all vehicles start and end."""
     path_points: PathPoints

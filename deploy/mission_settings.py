@@ -115,7 +115,8 @@ def uavs_of(
 ) -> tuple[tuple[Uav, ...], tuple[UavSettings, ...]]:
     """The UAVs as the planner and as the supervisor see them.
 
-    The planner's UAV is ready when it has climbed, with the energy that is left then.
+    The planner's UAV is ready when it has climbed, with the energy that is left then; its service at a task includes
+    braking and speeding up.
 
     Raises:
         InputError: for a cruise speed above what the gate lets pass, or a battery too small to take off.
@@ -142,7 +143,8 @@ def uavs_of(
                 cruise_w=v.cruise_power_w,
                 hover_w=v.hover_power_w,
                 waiting=v.waiting,
-                service_s=v.service_s,
+                # Stopping at each task costs v/a against the planner's constant speed.
+                service_s=v.service_s + speed / v.accel_mps2 / frame.time_scale,
                 ready_s=climb_s,
             )
         )

@@ -1,7 +1,7 @@
 """Draws the maps of this folder, always the same ones: ``python make_maps.py``.
 
 ``rural.geojson``: 10 km x 10 km, metres. ``farm.geojson``: about 1.6 km x 1.4 km, degrees (an invented
-place). ``city_block.pgm`` and ``.yaml``: 400 m x 300 m, one pixel a metre. With ``--pictures DIR``
+place). ``city_block.png`` and ``.yaml``: 400 m x 300 m, one pixel a metre. With ``--pictures DIR``
 it draws them as PNG as well.
 """
 
@@ -306,10 +306,10 @@ def main() -> None:
     lands = {"rural": rural(), "farm": farm()}
     write_geojson(HERE / "rural.geojson", lands["rural"], geographic=False)
     write_geojson(HERE / "farm.geojson", lands["farm"], geographic=True)
-    Image.fromarray(city()).save(HERE / "city_block.pgm")
+    Image.fromarray(city()).save(HERE / "city_block.png")
     (HERE / "city_block.yaml").write_text(
         "# ROS map_server file; made by make_maps.py.\n"
-        "image: city_block.pgm\n"
+        "image: city_block.png\n"
         "resolution: 1.0              # m per pixel\n"
         "origin: [-200.0, -150.0, 0.0]  # lower left corner: x m, y m, yaw rad\n"
         "negate: 0                    # black is occupied\n"

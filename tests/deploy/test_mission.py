@@ -287,7 +287,7 @@ DEMO_FLEET = read_yaml(FOLDER / "fleets" / "demo.yaml", "fleet").data
 
 
 @settings(
-    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True
+    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True
 )
 @given(
     changes=st.lists(st.tuples(st.sampled_from(leaves(DEMO)), JUNK), max_size=2),
@@ -317,7 +317,7 @@ def test_nothing_but_input_errors_escapes(
 
 
 @settings(
-    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True
+    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True
 )
 @given(raw=st.one_of(st.binary(max_size=60), st.text("ab:-[]{}&*!?|>'\"#,\n 1.~", max_size=60).map(str.encode)))
 def test_any_bytes_are_read_or_refused(raw: bytes, tmp_path: Path) -> None:
