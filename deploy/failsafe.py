@@ -195,10 +195,10 @@ def action_for(kind: EventKind, situation: Situation, overrides: Mapping[str, st
 
 def override_problem(key: str, value: str) -> str | None:
     """Why an override is wrong, or None: for whoever reads it from a file."""
-    event, _, situation = key.partition("/")
+    event, slash, situation = key.partition("/")
     if event not in set(EventKind):
         return f"there is no event {event!r}; known are {', '.join(sorted(TABLE))}"
-    if situation and situation not in set(Situation):
+    if slash and situation not in set(Situation):
         return f"there is no situation {situation!r}; known are {', '.join(Situation)}"
     if EventKind(event) in FIXED:
         return f"what {event} does cannot be changed"
