@@ -177,7 +177,7 @@ def actions_from_json(rows: Sequence[Mapping[str, Any]]) -> tuple[Action, ...]:
         if kind is None:
             raise PlannerError(f"actions[{i}] is {row!r}; kind must be one of {sorted(_KINDS)}")
         names = [f.name for f in fields(kind)]
-        values = {k: row.get(k) for k in names}
+        values: dict[str, Any] = {k: row.get(k) for k in names}
         for name, value in values.items():
             if (value is None and name == "path_point" and "path_point" in row) or (type(value) is int and value >= 0):
                 continue

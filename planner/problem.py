@@ -204,7 +204,7 @@ class Problem:
         _require(bool((np.diag(roads) == 0).all()), "road_distance_m: the diagonal must be 0")
         _require(visited.shape == (len(tasks),), f"visited has {visited.size} entries for {len(tasks)} tasks")
         _require(len(self.uavs) > 0, "uavs is empty; a mission needs at least one UAV")
-        ids = [v.id for v in (*self.uavs, *self.ugvs)]
+        ids = [u.id for u in self.uavs] + [g.id for g in self.ugvs]
         _require(len(set(ids)) == len(ids), f"vehicle ids are not unique: {sorted(i for i in set(ids) if ids.count(i) > 1)}")
         for g in self.ugvs:
             if g.distance_to_m is not None:

@@ -31,6 +31,7 @@ _anneal_steps: Callable[..., float] = search_kernel.anneal
 
 CHUNK = 2_000  # steps between two looks at the clock and changes of the shortage's weight
 UNVISITED_WALK_S = 2e4  # what a task left out costs on the walk, where leaving out is allowed
+WARM = 0.15  # share of the first temperature for a warm start: its structure is worth keeping
 CLOCK_GUESS_PER_S = 400_000.0  # first guess of steps per second, only to shape the first chunks
 
 
@@ -49,7 +50,7 @@ class Options:
     allow_partial: bool = False
     exclude_uavs: frozenset[int] = frozenset()
     exclude_ugvs: frozenset[int] = frozenset()
-    hot: float = 0.05
+    hot: float = 0.08
     cold: float = 0.0005
 
     @classmethod
@@ -149,15 +150,16 @@ def search(problem: Problem, stop: Stop, seed: int, params: Params) -> Result:
     starts += construct(problem, options.exclude_uavs, options.exclude_ugvs)
     packed = [s.pack(actions, fill=not options.allow_partial) for actions in starts]
     best, best_counts = min(packed, key=lambda x: s.score(*x))
+    warm = params.start is not None and best is packed[0][0]
     size = max(len(acts) for acts, _ in packed)
     best = np.concatenate([best, np.zeros(size - len(best), np.int32)])
-    done = _anneal(s, best, best_counts, stop, begun)
+    done = _anneal(s, best, best_counts, stop, begun, WARM if warm else 1.0)
     s.settle(best, best_counts, fill=not options.allow_partial)
     return _result(problem, decode(problem, best[: int(best_counts[0])]), options, done)
 
 
-def _anneal(s: _Search, best: Ints, best_counts: NDArray[np.int64], stop: Stop, begun: float) -> int:
-    """Improves ``best`` in place until ``stop``; how many steps it took."""
+def _anneal(s: _Search, best: Ints, best_counts: NDArray[np.int64], stop: Stop, begun: float, heat: float) -> int:
+    """Improves ``best`` in place until ``stop``; how many steps it took. ``heat`` scales the first temperature."""
     current, counts = best.copy(), best_counts.copy()
     least, most = (200.0, 1e5) if s.options.allow_partial else (2.0, 1e3)
     weight = 5.0 * least
@@ -177,7 +179,8 @@ def _anneal(s: _Search, best: Ints, best_counts: NDArray[np.int64], stop: Stop, 
             after = max(after, (used + steps * pace) / stop.time_s)
         after = min(max(after, share), 1.0)
         scale = s.makespan(best, best_counts)  # the first plan may be far longer than what soon is found
-        hot, cold = s.options.hot * scale, s.options.cold * scale
+        hot = max(s.options.hot * heat, s.options.cold) * scale
+        cold = s.options.cold * scale
         fine = _anneal_steps(
             best, best_counts, current, counts, *s.fixed, s.rows, *s.scratch,
             s.near_tasks, s.near_sites, s.uav_list, s.ugv_list, s.options.allow_partial, s.rng,

@@ -125,6 +125,12 @@ def change(
             counts[0] -= 1
             counts[1] += 1
             return True
+        after = -1  # sometimes the UAV's next task comes along
+        if uniform(rng) < 0.3:
+            for k in range(i + 1, min(n, i + 12)):
+                if (acts[k] >> 24) == VISIT and ((acts[k] >> 12) & 4095) == uav:
+                    after = acts[k] & 4095
+                    break
         if uniform(rng) < 0.6 and near_tasks.shape[1] > 0:
             k = below(rng, near_tasks.shape[1])
             k = below(rng, k + 1)
@@ -142,6 +148,9 @@ def change(
             remove(acts, total, i)
             j = below(rng, n)
         insert(acts, total - 1, j, uav << 12 | task)
+        if after >= 0:
+            remove(acts, total, find_visit(acts, n, after))
+            insert(acts, total - 1, find_visit(acts, n - 1, task) + 1, uav << 12 | after)
     elif r < 0.46:  # two tasks change places
         i = pick(acts, n, rng, True)
         if i < 0:
@@ -195,8 +204,18 @@ def change(
             i = pick(acts, n, rng, False)
             if i < 0:
                 return False
-            remove(acts, n + pool, i)
+            code = remove(acts, n + pool, i)
             counts[0] -= 1
+            if (code >> 24) == MOVE and uniform(rng) < 0.3:  # and all that happens there
+                ugv = (code >> 12) & 4095
+                while i < counts[0]:
+                    if (acts[i] >> 24) == MOVE and ((acts[i] >> 12) & 4095) == ugv:
+                        break
+                    if (acts[i] >> 24) == RECHARGE and (acts[i] & 4095) == ugv:
+                        remove(acts, counts[0] + pool, i)
+                        counts[0] -= 1
+                    else:
+                        i += 1
     elif r < 0.90:  # other UGV, other site, other UAV
         i = pick(acts, n, rng, False)
         if i < 0 or n_ugvs == 0:
