@@ -19,14 +19,14 @@ from typing import Any
 
 from deploy.backends import connect
 from deploy.events import Event
+from deploy.margin import plan_with_margin
 from deploy.mission import Mission, load
 from deploy.operator import ScriptedOperator
-from deploy.planning import InlinePlanner, with_margin
+from deploy.planning import InlinePlanner
 from deploy.planning_settings import first_plan, replanning
 from deploy.runner import Tick, fly
 from planner.plan import Plan
 from planner.problem import Problem
-from planner.solve import solve
 
 ROOT = Path(__file__).resolve().parent.parent
 _MISSION: list[Mission] = []
@@ -94,7 +94,7 @@ def _start(path: str, faults: int) -> None:
     _MISSION[:] = [load(path)]
     mission = _MISSION[0]
     stop, seed, params = first_plan(mission)
-    _PLAN[:] = [solve(with_margin(mission.problem, mission.settings.replanning.margin), stop, seed, params).plan]
+    _PLAN[:] = [plan_with_margin(mission.problem, mission.settings.replanning.margin, stop, seed, params)]
     _FAULTS[:] = [faults]
 
 

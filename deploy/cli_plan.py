@@ -12,10 +12,11 @@ from pathlib import Path
 from deploy.cli_common import DONE, FAILED, duration_text, finite, print_json, show_rows, working
 from deploy.drawing import MapDrawing
 from deploy.errors import InputError
+from deploy.margin import plan_with_margin
 from planner.plan import Move, Plan, Recharge, Visit
 from planner.problem import Problem
 from planner.roads import Roads
-from planner.solve import Params, Stop, solve
+from planner.solve import Params, Stop
 
 DEFAULT_TIME_S = 5.0
 
@@ -31,6 +32,7 @@ class _Task:
     name: str
     roads: Roads | None = None
     drawing: MapDrawing | None = None
+    margin: float = 0.0
 
 
 def plan(
@@ -54,23 +56,23 @@ def plan(
     params = task.params if planner is None else Params(method=planner)
     what = f"planning {task.name}" + (f" for {stop.time_s:g} s" if stop.time_s is not None else "")
     with working(what, quiet=as_json):
-        result = solve(task.problem, stop, task.seed if seed is None else seed, params)
+        made = plan_with_margin(task.problem, task.margin, stop, task.seed if seed is None else seed, params)
     picture = None
     if plan_file is not None:
         picture = plan_file.with_suffix(".png")
         try:
-            plan_file.write_text(json.dumps(finite(result.plan.to_json()), indent=1) + "\n", encoding="utf-8")
+            plan_file.write_text(json.dumps(finite(made.to_json()), indent=1) + "\n", encoding="utf-8")
         except OSError as error:
             raise InputError(f"cannot be written: {error.strerror}; give another --out", file=plan_file) from error
         with working("drawing", quiet=as_json):
-            _draw(picture, task, result.plan)
+            _draw(picture, task, made)
     if as_json:
-        print_json(result.plan.to_json())
+        print_json(made.to_json())
     else:
-        _show(task, result.plan, plan_file, picture)
-    if not result.plan.feasible:
-        print(f"no feasible plan: {result.plan.schedule.violation}", file=sys.stderr)
-    return DONE if result.plan.feasible else FAILED
+        _show(task, made, plan_file, picture)
+    if not made.feasible:
+        print(f"no feasible plan: {made.schedule.violation}", file=sys.stderr)
+    return DONE if made.feasible else FAILED
 
 
 def _check_writable(path: Path) -> None:
@@ -97,7 +99,8 @@ def _mission(file: Path) -> _Task:
 
     mission = load(file)
     stop, seed, params = first_plan(mission)
-    return _Task(mission.problem, stop, seed, params, mission.name, mission.roads, drawing_of(mission.geometry))
+    drawing, margin = drawing_of(mission.geometry), mission.settings.replanning.margin
+    return _Task(mission.problem, stop, seed, params, mission.name, mission.roads, drawing, margin)
 
 
 def _draw(picture: Path, task: _Task, made: Plan) -> None:

@@ -163,8 +163,10 @@ def _flying(turn: Turn, uav: UavState) -> UavState:
 def _serve(turn: Turn, uav: UavState, k: int, task: int) -> UavState:
     name = _name(turn, uav)
     if uav.work_until_s is None:
+        config = turn.settings.uavs[uav.index]
         service_s = turn.settings.problem.uavs[uav.index].service_s * turn.settings.frame.time_scale
-        uav = replace(uav, work_until_s=turn.now_s + service_s)
+        hover_s = max(0.0, service_s - config.speed_mps / config.accel_mps2)  # the rest is braking and speeding up
+        uav = replace(uav, work_until_s=turn.now_s + hover_s)
     assert uav.work_until_s is not None
     if turn.now_s < uav.work_until_s:
         return uav

@@ -6,12 +6,12 @@ import multiprocessing
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+from deploy.margin import plan_with_margin
 from deploy.observation import PlanReply, PlanRequest
 from planner.errors import PlannerError
-from planner.plan import Plan, Visit
 from planner.problem import Problem
 from planner.schedule import predict
 from planner.solve import Params, Stop, solve
@@ -68,40 +68,17 @@ def answer(request: PlanRequest, settings: ReplanSettings, stop: Stop) -> PlanRe
         }
         params = Params(settings.method, request.start, options)
         seed = settings.seed + request.number
-        plan = solve(with_margin(request.problem, request.margin), stop, seed, params).plan
-        if request.margin > 0 and not plan.feasible:  # rather less margin than a task or a vehicle less
-            bare = solve(request.problem, stop, seed, params).plan
-            plan = bare if _worth(request, bare) > _worth(request, plan) else plan
-        usable = _survives(request, plan)
+        plan = plan_with_margin(request.problem, request.margin, stop, seed, params)
+        found = predict(
+            request.problem, plan.actions, exclude_uavs=request.exclude_uavs, exclude_ugvs=request.exclude_ugvs
+        )
     except PlannerError as error:
         took_s = time.perf_counter() - begun_s
         return PlanReply(request.number, False, (), settings.method, took_s, str(error), usable=False)
     took_s = time.perf_counter() - begun_s
     return PlanReply(
-        request.number, plan.feasible, plan.actions, plan.method, took_s, plan.schedule.violation, usable=usable
+        request.number, plan.feasible, plan.actions, plan.method, took_s, plan.schedule.violation, found.survives
     )
-
-
-def with_margin(problem: Problem, margin: float) -> Problem:
-    """The problem with each UAV's reserve raised by the share ``margin`` of its capacity.
-
-    A UAV that has less already keeps what reserve it has: it must still be able to be planned for.
-    """
-    uavs = tuple(
-        replace(u, reserve_j=max(u.reserve_j, min(u.reserve_j + margin * u.capacity_j, 0.5 * u.energy_j)))
-        for u in problem.uavs
-    )
-    return replace(problem, uavs=uavs)
-
-
-def _worth(request: PlanRequest, plan: Plan) -> tuple[bool, int]:
-    """Nobody stranded first, then tasks visited."""
-    return _survives(request, plan), sum(isinstance(a, Visit) for a in plan.actions)
-
-
-def _survives(request: PlanRequest, plan: Plan) -> bool:
-    found = predict(request.problem, plan.actions, exclude_uavs=request.exclude_uavs, exclude_ugvs=request.exclude_ugvs)
-    return found.survives
 
 
 class InlinePlanner:

@@ -14,6 +14,7 @@ from deploy.checks import probe_backend, run_checks
 from deploy.display import Display, NullDisplay
 from deploy.errors import DeployError
 from deploy.map_drawing import drawing_of
+from deploy.margin import plan_with_margin
 from deploy.mission import Mission
 from deploy.mission_copy import save_copy
 from deploy.operator import Operator, ScriptedOperator
@@ -25,7 +26,6 @@ from deploy.runner import Outcome, fly
 from deploy.screen import Header, clock_text
 from deploy.watch import Watch
 from planner.plan import Plan
-from planner.solve import solve
 from sim_backends.truth import Truth
 
 CONNECT_S = 30.0
@@ -77,7 +77,7 @@ def make_plan(mission: Mission, display: Display) -> Plan:
     stop, seed, params = first_plan(mission)
     budget = f" for {stop.time_s:g} s" if stop.time_s is not None else ""
     with display.working(f"planning{budget}"):
-        plan = solve(mission.problem, stop, seed, params).plan
+        plan = plan_with_margin(mission.problem, mission.settings.replanning.margin, stop, seed, params)
     verdict = f"makespan {clock_text(plan.makespan_s)}" if plan.feasible else f"not feasible: {plan.schedule.violation}"
     display.note(f"plan: {verdict} ({plan.method}, {plan.planning_s or 0.0:.1f} s)")
     return plan
