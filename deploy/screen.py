@@ -111,8 +111,9 @@ def _head(status: Status, width: int) -> RenderableType:
         clock.append(f" of {clock_text(status.predicted_makespan_s)}", style="not bold dim")
     plan = Text(f"plan {status.plan_number}" + ("" if status.plan_number == 0 else " (replanned)"), style="dim")
     grid = Table.grid(expand=True, padding=(0, 2))
-    for _ in range(3):
-        grid.add_column(no_wrap=True)
+    grid.add_column(no_wrap=True, min_width=12)  # the longest state, so that nothing moves when it changes
+    grid.add_column(no_wrap=True, min_width=tasks.cell_len)
+    grid.add_column(no_wrap=True, ratio=1)
     grid.add_column(no_wrap=True, justify="right")
     grid.add_row(state, tasks, plan, clock)
     return grid
@@ -151,6 +152,8 @@ def _slack(slack_s: float | None) -> Text:
     if slack_s is None or not math.isfinite(slack_s):
         return Text("-", style="dim")
     style = "red" if slack_s < 0 else "yellow3" if slack_s < 30 else "default"
+    if slack_s > 36_000:
+        return Text("> 10 h", style="dim")
     return Text(f"{slack_s:.0f} s" if abs(slack_s) < 600 else f"{slack_s / 60:.0f} min", style=style)
 
 
@@ -158,7 +161,7 @@ def _position(v: VehicleStatus) -> str:
     if v.position_m is None:
         return "no pose"
     digits = 2 if max(abs(c) for c in v.position_m) < 100 else 0
-    return " ".join(f"{c:.{digits}f}" for c in v.position_m)
+    return " ".join(f"{round(c, digits) + 0.0:.{digits}f}" for c in v.position_m)  # + 0.0: no minus zero
 
 
 def _events(status: Status, events: Sequence[Event], lines: int, time_scale: float) -> RenderableType:
