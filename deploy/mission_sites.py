@@ -90,9 +90,6 @@ class SiteMaker:
             return points, source, lambda _: ("path_points", "file")
         assert section.place is not None
         region = self.region(self.slots.reach_m)
-        if region.is_empty:
-            what = f"no site has {self.slots.reach_m:.3g} m of room for all vehicles inside the geofence; enlarge it"
-            raise self.document.error(what, ("path_points", "place"))
         x0, y0, x1, y1 = region.bounds
         candidates = ways.places(max(x1 - x0, y1 - y0) / 60)
         candidates = candidates[shapely.contains_xy(region, candidates[:, 0], candidates[:, 1])]
@@ -119,10 +116,6 @@ class SiteMaker:
             return tasks, names, source, lambda _: ("tasks", "file")
         assert section.random is not None
         region = self.region(0.0)
-        if region.is_empty:
-            raise self.document.error(
-                "the map and the geofence have nothing in common; check arena", ("tasks", "random")
-            )
         seed = section.random.seed if section.random.seed is not None else self.config.seed
         try:
             tasks = draw_tasks(section.random.count, seed, region, sites, section.max_distance_m)

@@ -14,6 +14,8 @@ from deploy.errors import InputError
 from deploy.mission import load
 
 OCCUPANCY = changed(MISSION, "map.file", "map.yaml")
+DARK = b"\0" * 1000
+POINT_LIKE = {"type": "Feature", "geometry": {"type": "LineString", "coordinates": [[1, 1], [1, 1]]}}
 LINE = {"type": "Feature", "properties": {}, "geometry": {"type": "LineString", "coordinates": [[0, 0], [1, "a"]]}}
 
 
@@ -234,7 +236,90 @@ CASES: dict[str, tuple[dict[str, Any], str, str, tuple[str, ...]]] = {
         ("'udpin:0.0.0.0:14550'", "'uav0'"),
     ),
     "body twice": (fleet("vehicles.uav1.body", "uav0"), "fleet.yaml", "vehicles.uav1.body", ("'uav0'",)),
+    "kind missing": (fleet("types.quad", {}), "fleet.yaml", "types.quad.kind", ("missing",)),
+    "fleet names a file": (fleet("file", "x.yaml"), "fleet.yaml", "file", ("x.yaml",)),
+    "endpoint without driver": (
+        fleet("vehicles.ugv0.endpoint", "/a"),
+        "fleet.yaml",
+        "vehicles.ugv0",
+        ("'/a'", "driver"),
+    ),
+    "sysid without MAVLink": (fleet("vehicles.ugv0.sysid", 3), "fleet.yaml", "vehicles.ugv0", ("3", "mavlink")),
+    "dock offsets": (fleet("types.rover.dock_offsets_m", [[0, 0]]), "fleet.yaml", "vehicles.ugv0", ("1 entries", "2")),
+    "driving power": (fleet("types.rover.power_w", [-5]), "fleet.yaml", "vehicles.ugv0", ("-5 W",)),
+    "docks above layers": (
+        fleet("types.rover.pad_height_m", 30),
+        "mission.yaml",
+        "arena.layers.lowest_m",
+        ("30 m", "ugv0"),
+    ),
     # maps
+    "collection": (
+        {"roads": {"type": "GeometryCollection", "geometries": [{"type": "GeometryCollection", "geometries": []}]}},
+        "roads.geojson",
+        "",
+        ("collection within",),
+    ),
+    "features": ({"roads": {"type": "FeatureCollection", "features": 3}}, "roads.geojson", "features", ("int",)),
+    "feature": ({"roads": changed(ROADS, "features.2", 7)}, "roads.geojson", "features[2]", ("7",)),
+    "kind of feature": (
+        {"roads": changed(ROADS, "features.2.properties.kind", 7)},
+        "roads.geojson",
+        "features[2].properties.kind",
+        ("7",),
+    ),
+    "geometry": ({"roads": changed(ROADS, "features.2.geometry", 7)}, "roads.geojson", "features[2].geometry", ("7",)),
+    "geometry type": (
+        {"roads": changed(ROADS, "features.2.geometry.type", "Circle")},
+        "roads.geojson",
+        "features[2].geometry",
+        ("'Circle'",),
+    ),
+    "one vertex": (
+        {"roads": changed(ROADS, "features.2.geometry.coordinates", [[1, 2]])},
+        "roads.geojson",
+        "features[2].geometry.coordinates",
+        ("at least 2",),
+    ),
+    "no list": (
+        {"roads": changed(ROADS, "features.2.geometry.coordinates", "x")},
+        "roads.geojson",
+        "features[2].geometry.coordinates",
+        ("'x'",),
+    ),
+    "road without length": (
+        {"roads": changed(ROADS, "features", [POINT_LIKE])},
+        "roads.geojson",
+        "",
+        ("no length",),
+    ),
+    "origin": (
+        {"mission": OCCUPANCY, "map": changed(MAP_SERVER, "origin", [1e12, 0, 0])},
+        "map.yaml",
+        "",
+        ("1e9",),
+    ),
+    "no room to park": (
+        {
+            "mission": {
+                **changed(OCCUPANCY, "separation.ugv_m", 10),
+                "depot": [500, 400],
+                "path_points": {"points": [[600, 400]]},
+            },
+            "fleet": changed(FLEET, "vehicles.ugv1", {"type": "rover"}),
+            # A street, 4 m wide, that ends at the depot.
+            "image": b"P5\n1000 800\n255\n" + DARK * 398 + (b"\0" * 498 + b"\xff" * 502) * 4 + DARK * 398,
+        },
+        "mission.yaml",
+        "depot",
+        ("no room for all UGVs",),
+    ),
+    "no room for sites": (
+        mission("arena.geofence_m", [[0, 88], [1000, 88], [1000, 112], [0, 112]]),
+        "mission.yaml",
+        "",
+        ("geofence",),
+    ),
     "no JSON": ({"roads": "{"}, "roads.geojson:1", "", ("not JSON",)),
     "JSON nan": ({"roads": '{"type": NaN}'}, "roads.geojson", "", ("NaN",)),
     "deep JSON": ({"roads": "[" * 200_000}, "roads.geojson", "", ()),
