@@ -311,8 +311,8 @@ CASES: dict[str, tuple[dict[str, Any], str, str, tuple[str, ...]]] = {
             "image": b"P5\n1000 800\n255\n" + DARK * 398 + (b"\0" * 498 + b"\xff" * 502) * 4 + DARK * 398,
         },
         "mission.yaml",
-        "depot",
-        ("no room for all UGVs",),
+        "",
+        ("no room for all UGVs", "4 m"),
     ),
     "no room for sites": (
         mission("arena.geofence_m", [[0, 88], [1000, 88], [1000, 112], [0, 112]]),
