@@ -23,7 +23,19 @@ from planner.kernel import AT_SITE_M
 from planner.plan import Action, Move, Recharge, Visit
 from planner.problem import Problem
 
-__all__ = ["CERTAIN", "Estimate", "Overheads", "Samples", "Share", "Spread", "Uncertainty", "estimate", "simulate"]
+__all__ = [
+    "CERTAIN",
+    "Draws",
+    "Estimate",
+    "Overheads",
+    "Samples",
+    "Share",
+    "Spread",
+    "Uncertainty",
+    "draw",
+    "estimate",
+    "simulate",
+]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -159,6 +171,42 @@ class Samples:
     fail_reserve: Ints
 
 
+@dataclass(frozen=True, slots=True)
+class Draws:
+    """Everything random of S samples, before ``Uncertainty`` scales it; n actions, U UAVs, G UGVs.
+
+    Attributes:
+        uav: standard normals for speed and drain, (2, S, U).
+        ugv: likewise, (2, S, G).
+        wind: of the steady wind's components, (2, S).
+        action: per action and, behind them, per recovery: speed or gust, charging, departure, docking, leaving,
+            (5, S, n + U).
+        stall_u: uniform; a drive stalls where this is below its probability, (S, n).
+        stall_z: standard normal of its duration, (S, n).
+    """
+
+    uav: Floats
+    ugv: Floats
+    wind: Floats
+    action: Floats
+    stall_u: Floats
+    stall_z: Floats
+
+
+def draw(problem: Problem, n_actions: int, samples: int, seed: int) -> Draws:
+    """Draws for ``samples`` samples; the same arguments give the same draws."""
+    rng = np.random.default_rng([seed, 0x3C])
+    n_uavs, n_ugvs = len(problem.uavs), len(problem.ugvs)
+    return Draws(
+        uav=rng.standard_normal((2, samples, n_uavs)),
+        ugv=rng.standard_normal((2, samples, n_ugvs)),
+        wind=rng.standard_normal((2, samples)),
+        action=rng.standard_normal((5, samples, n_actions + n_uavs)),
+        stall_u=rng.random((samples, n_actions)),
+        stall_z=rng.standard_normal((samples, n_actions)),
+    )
+
+
 def simulate(
     problem: Problem,
     actions: Sequence[Action],
@@ -168,10 +216,12 @@ def simulate(
     seed: int = 0,
     makespan_limit_s: float | None = None,
     overheads: Overheads | None = None,
+    draws: Draws | None = None,
 ) -> Samples:
     """Draws and propagates; the same arguments give the same samples.
 
     The draws do not depend on ``uncertainty``, which only scales them: two settings are compared on equal luck.
+    ``draws`` replaces ``samples`` and ``seed``.
 
     Raises:
         PlannerError: when an action names something that does not exist.
@@ -182,8 +232,8 @@ def simulate(
     legs, drives, first, on_pad = _geometry(problem, actions)
     n, n_uavs, n_ugvs = len(acts), len(a.uavs), len(a.ugvs)
     o = overheads or Overheads((0.0,) * n_uavs, (0.0,) * n_uavs, (0.0,) * n_uavs, (0.0,) * n_ugvs)
-    rng = np.random.default_rng([seed, 0x3C])
-    p = uncertainty
+    p, z = uncertainty, draws or draw(problem, n, samples, seed)
+    samples = z.stall_u.shape[0]
     out = Samples(
         end_s=np.empty((samples, n)),
         low_j=np.empty((samples, n)),
@@ -222,12 +272,12 @@ def simulate(
                 p.stall_sigma,
             ]
         ),
-        rng.standard_normal((2, samples, n_uavs)),
-        rng.standard_normal((2, samples, n_ugvs)),
-        rng.standard_normal((2, samples)),
-        rng.standard_normal((5, samples, n + n_uavs)),
-        rng.random((samples, n)),
-        rng.standard_normal((samples, n)),
+        z.uav,
+        z.ugv,
+        z.wind,
+        z.action,
+        z.stall_u,
+        z.stall_z,
         math.inf if makespan_limit_s is None else makespan_limit_s,
         out.end_s,
         out.low_j,
