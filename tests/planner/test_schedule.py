@@ -337,3 +337,9 @@ def test_free_docks_of_other_sizes() -> None:
     problem = line((uav(0), uav(1)), (ugv(0, docks=1), ugv(1, docks=3)))
     plan = evaluate(problem, [Recharge(0, 0), Recharge(1, 0)])
     assert [a.dock for a in plan.actions] == [0, 0]
+
+
+def test_slack_of_a_hovering_uav_that_is_critical() -> None:
+    plan = evaluate(line((uav(0, waiting="hover"),)), [Visit(0, 0), Move(0, 0), Recharge(0, 0), Visit(0, 1)])
+    assert plan.feasible and plan.actions[2].energy_arrive_j > 0.0
+    assert plan.actions[1].total_slack_s == 0.0  # there is energy to wait, but the last visit would be later
