@@ -24,17 +24,16 @@ import numpy as np
 from deploy.backends import connect
 from deploy.check_chance import overheads_of
 from deploy.check_limits import CERTAIN, Uncertainty
+from deploy.margin import plan_with_margin
 from deploy.mission import Mission, load
 from deploy.montecarlo import Draws, Floats, draw, estimate, simulate
 from deploy.operator import ScriptedOperator
-from deploy.planning import InlinePlanner, with_margin
+from deploy.planning import InlinePlanner
 from deploy.planning_settings import first_plan, replanning
 from deploy.runner import Tick, fly
 from deploy.settings import Replanning
 from planner.plan import Move, Plan
 from planner.problem import Problem
-from planner.schedule import evaluate
-from planner.solve import solve
 from sim_backends.faults import Fault, FaultKind
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -135,8 +134,7 @@ def flight(mission: Mission, plan: Plan, draws: Draws, seed: int) -> Flight:
 def plan_of(mission: Mission) -> Plan:
     """The mission's plan, made as for a flight."""
     stop, seed, params = first_plan(mission)
-    plan = solve(with_margin(mission.problem, mission.settings.replanning.margin), stop, seed, params).plan
-    return replace(plan, schedule=evaluate(mission.problem, plan.actions))
+    return plan_with_margin(mission.problem, mission.settings.replanning.margin, stop, seed, params)
 
 
 def _fly(arguments: tuple[Path, Plan, Draws, int]) -> Flight:

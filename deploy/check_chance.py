@@ -19,7 +19,11 @@ def overheads_of(settings: Settings) -> Overheads:
     scale = settings.frame.time_scale
     deck_m = min((g.pad_height_m for g in settings.ugvs), default=0.0)
     return Overheads(
-        leg_s=tuple(u.speed_mps / u.accel_mps2 / scale for u in settings.uavs),
+        # What service_s already holds for stopping at a task, dispatch does not hover as well.
+        leg_s=tuple(
+            max(0.0, u.speed_mps / u.accel_mps2 / scale - p.service_s)
+            for u, p in zip(settings.uavs, settings.problem.uavs, strict=True)
+        ),
         down_s=tuple((u.altitude_m - deck_m) / u.descent_mps / scale for u in settings.uavs),
         up_s=tuple((u.altitude_m - deck_m) / u.climb_mps / scale for u in settings.uavs),
         drive_s=tuple(g.speed_mps / g.accel_mps2 / scale for g in settings.ugvs),

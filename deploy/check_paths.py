@@ -104,7 +104,11 @@ class _Prediction:
                 case Visit(uav=u, task=m):
                     x, y = self.settings.problem.tasks[m]
                     self.fly(u, self.settings.frame.to_arena((float(x), float(y))))
-                    self.rest(u, "serve", self.uav_t[u] + self.settings.problem.uavs[u].service_s * self.scale)
+                    # service_s includes stopping, which the flight itself has taken already
+                    config = self.settings.uavs[u]
+                    stop_s = config.speed_mps / config.accel_mps2
+                    service_s = self.settings.problem.uavs[u].service_s * self.scale
+                    self.rest(u, "serve", self.uav_t[u] + max(0.0, service_s - stop_s))
                 case Recharge():
                     self.recharge(k, action)
                 case Move(ugv=g, path_point=p):
