@@ -23,8 +23,8 @@ HEAD = """\
 Written from `deploy/failsafe.py` by `deploy/failsafe_manual.py`; do not edit by hand.
 
 Columns are what the vehicle is doing; *mission* is for events that concern no single vehicle. An empty cell means that
-the event is only written down. A mission may change a cell with `failsafe: {event/situation: action}` or a whole row with
-`failsafe: {event: action}`; a cell goes before its row. Rows marked † cannot be changed.
+the event is only written down. A mission may change a cell with `failsafe: {event/situation: action}` or a whole row
+with `failsafe: {event: action}`; a cell goes before its row. Rows marked † cannot be changed.
 
 """
 

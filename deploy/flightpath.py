@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from drivers.vehicle import Vec2, Vec3
 
@@ -33,6 +34,14 @@ class TimedPath:
     def end_m(self) -> Vec3:
         """Position of the last knot."""
         return self.knots[-1][1:]
+
+    @property
+    def rests_from_s(self) -> float:
+        """When it comes to rest at its end."""
+        for (_, *a), (t1, *b) in zip(self.knots[-2::-1], self.knots[:0:-1], strict=True):
+            if a != b:
+                return t1
+        return self.knots[0][0]
 
     def at(self, time_s: float) -> Vec3:
         """Position at ``time_s``."""
@@ -96,9 +105,13 @@ _Piece = tuple[float, float, Vec3, Vec3]  # (from s, to s, start, end)
 
 
 def pieces(path: TimedPath, from_s: float) -> list[_Piece]:
-    """The path from ``from_s`` on, cut so that no moving piece lasts longer than ``PIECE_S``."""
+    """The path from ``from_s`` on, cut so that no moving piece lasts longer than ``PIECE_S``; at rest at either end."""
+    first, last = path.knots[0], path.knots[-1]
+    knots = [(from_s, *first[1:]), *path.knots] if from_s < first[0] else list(path.knots)
+    if last[0] < FOREVER_S:
+        knots.append((max(from_s, last[0]) + FOREVER_S, *last[1:]))
     found: list[_Piece] = []
-    for (t0, *_), (t1, *p1) in zip(path.knots, path.knots[1:], strict=False):
+    for (t0, *_), (t1, *p1) in pairwise(knots):
         if t1 <= from_s:
             continue
         begin_s = max(t0, from_s)
@@ -111,8 +124,6 @@ def pieces(path: TimedPath, from_s: float) -> list[_Piece]:
         for i in range(n):
             f0, f1 = i / n, (i + 1) / n
             found.append((begin_s + f0 * (t1 - begin_s), begin_s + f1 * (t1 - begin_s), _mix(a, b, f0), _mix(a, b, f1)))
-    if not found:
-        found.append((from_s, FOREVER_S, path.end_m, path.end_m))
     return found
 
 
@@ -184,12 +195,22 @@ def conflict(
 
 
 def _parting(ours: _Piece, theirs: _Piece, horizontal_m: float, vertical_m: float) -> bool:
-    """Whether the two start inside each other's cylinder and leave it in their first pieces without coming nearer."""
-    (_, _, a, b), (_, _, c, d) = ours, theirs
-    start_h, start_v = math.dist(a[:2], c[:2]), abs(a[2] - c[2])
+    """Whether the two start inside each other's cylinder and only move apart while both are in their first pieces.
+
+    Their nearness is measured in cylinders (1 where the two just touch). It is a convex function of time as long as
+    both move uniformly, so it only grows if it does not shrink at the start.
+    """
+    (a0, a1, a, b), (c0, c1, c, d) = ours, theirs
+    until_s = min(a1, c1)
+    p, q = _mix(a, b, (until_s - a0) / (a1 - a0)), _mix(c, d, (until_s - c0) / (c1 - c0))
+    x, y, z = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    u, v, w = q[0] - p[0] - x, q[1] - p[1] - y, q[2] - p[2] - z
+    start_h, start_v = math.hypot(x, y), abs(z)
     if start_h >= horizontal_m or start_v >= vertical_m:
         return False
-    end_h, end_v = math.dist(b[:2], d[:2]), abs(b[2] - d[2])
-    nearer = end_h < start_h - 1e-9 and end_v <= start_v
-    lower = end_v < start_v - 1e-9 and end_h <= start_h
-    return not nearer and not lower and (end_h > start_h or end_v > start_v)
+    near_h, near_v = start_h / horizontal_m, start_v / vertical_m
+    leaves_h = x * u + y * v >= 0
+    leaves_v = z * w >= 0
+    grows = leaves_h if near_h > near_v else leaves_v if near_v > near_h else leaves_h or leaves_v
+    end_h, end_v = math.hypot(x + u, y + v) / horizontal_m, abs(z + w) / vertical_m
+    return grows and max(end_h, end_v) > max(near_h, near_v)
