@@ -67,7 +67,7 @@ def _success(found: Estimate, limits: CheckLimits) -> CheckRow:
         warn=limits.success_probability_warn,
         fail=limits.success_probability_fail,
         text=text,
-        remedy="without replans: keep more reserve_fraction there, or set checks.uncertainty to what you measured",
+        remedy="that is without replans: raise replanning.margin, or set checks.uncertainty to what you measured",
     )
 
 
@@ -83,7 +83,7 @@ def _reserve(found: Estimate, limits: CheckLimits) -> CheckRow:
         warn=limits.reserve_probability_warn,
         fail=None,
         text=text,
-        remedy="expect a replan there: keep more reserve_fraction or spread the tasks over more recharges",
+        remedy="expect a replan there: raise replanning.margin",
     )
 
 

@@ -91,7 +91,7 @@ def _rendezvous(problem: Problem, plan: Plan, limits: CheckLimits) -> CheckRow:
         return CheckRow("rendezvous energy", ENERGY, Verdict.PASS, None, "of capacity", None, text)
     share, where = min(found)
     text = f"{where} has {100 * share:.1f} % of its capacity above reserve"
-    remedy = "give the planner more reserve_fraction to keep, more time, or path points nearer to the tasks"
+    remedy = "raise replanning.margin, plan for longer, or path points nearer to the tasks"
     return _judged("rendezvous energy", share, limits, text, remedy)
 
 
@@ -107,7 +107,7 @@ def _landing(problem: Problem, plan: Plan, limits: CheckLimits) -> CheckRow:
         return CheckRow("landing energy", ENERGY, Verdict.PASS, None, "of capacity", None, text)
     share, where = min(found)
     text = f"{where} after its last action with {100 * share:.1f} % of its capacity above reserve"
-    remedy = "give the planner more reserve_fraction to keep, more time, or path points nearer to the last tasks"
+    remedy = "raise replanning.margin, plan for longer, or path points nearer to the last tasks"
     return _judged("landing energy", share, limits, text, remedy)
 
 
@@ -156,5 +156,5 @@ def _slack(problem: Problem, plan: Plan, limits: CheckLimits) -> CheckRow:
         warn=limits.slack_warn_s,
         fail=None,
         text=f"{where} may be kept waiting {slack:.0f} s longer; {critical}",
-        remedy="a late UGV soon costs a replan: more reserve_fraction, or waiting: landed where UAVs can land",
+        remedy="a late UGV soon costs a replan: raise replanning.margin, or set waiting: landed where UAVs can land",
     )
