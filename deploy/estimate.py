@@ -78,13 +78,21 @@ def charge_duration_s(settings: Settings, ugv: int, uav: int, energy_j: float) -
     return max(0.0, u.capacity_j - energy_j) / g.charge_w
 
 
+def _measured_j(telemetry: VehicleState | None, capacity_j: float) -> float | None:
+    """What the battery says, in J; None where it says nothing, or no number."""
+    battery = None if telemetry is None else telemetry.battery
+    if battery is None or not math.isfinite(battery):
+        return None
+    return min(1.0, max(0.0, battery)) * capacity_j
+
+
 def uav_energy(
     settings: Settings, uav: UavState, config: UavSettings, telemetry: VehicleState | None, now_s: float
 ) -> float:
     """Energy left, in J: measured where the battery says it, else by the planner's power model."""
     model = settings.problem.uavs[uav.index]
-    if config.energy == "measured" and telemetry is not None and telemetry.battery is not None:
-        return telemetry.battery * model.capacity_j
+    if config.energy == "measured" and (measured_j := _measured_j(telemetry, model.capacity_j)) is not None:
+        return measured_j
     dt_s = max(0.0, now_s - uav.energy_s) / settings.frame.time_scale
     if uav.phase is UavPhase.CHARGING and uav.docked is not None:
         full_s = charge_duration_s(settings, uav.docked[0], uav.index, uav.charge_from_j)
@@ -107,8 +115,8 @@ def ugv_energy(
 ) -> float:
     """Energy left, in J; the virtual one does not yet count what the UAVs took (``dispatch`` takes that off)."""
     model = settings.problem.ugvs[ugv.index]
-    if config.energy == "measured" and telemetry is not None and telemetry.battery is not None:
-        return telemetry.battery * model.capacity_j
+    if config.energy == "measured" and (measured_j := _measured_j(telemetry, model.capacity_j)) is not None:
+        return measured_j
     dt_s = max(0.0, now_s - ugv.energy_s) / settings.frame.time_scale
     power_w = model.drive_w if ugv.phase is UgvPhase.DRIVING else model.idle_w
     return max(0.0, ugv.energy_j - power_w * dt_s)
