@@ -102,7 +102,7 @@ def step(settings: Settings, state: State, observation: Observation) -> Step:
 
 def _operator(turn: Turn, wish: OperatorInput) -> None:
     phase = turn.state.phase
-    if wish.wish == "stop" and not turn.state.over:
+    if wish.wish == "stop":  # also when it is over: a lost vehicle may still move
         turn.tell(EventKind.OPERATOR_STOP, "the operator stops all motors", action=Action.STOP_MOTORS)
         _stop_everybody(turn)
     elif wish.wish == "recover" and phase in (M.ARMED, M.RUNNING, M.HOLDING):
@@ -110,11 +110,13 @@ def _operator(turn: Turn, wish: OperatorInput) -> None:
         turn.state = replace(turn.state, aborting=True)
         recovery.call_off(turn, "everybody comes down")
     elif wish.wish == "recover" and phase in (M.DISARMED, M.CHECKED):
-        turn.state = replace(turn.state, aborting=True)
-        recovery.enter(turn, M.ABORTED, "the operator calls it off before anything was armed")
+        _call_off_on_the_ground(turn, "the operator calls it off before the start")
     elif wish.wish == "hold" and phase is M.RUNNING:
         turn.tell(EventKind.OPERATOR_HOLD, "the operator holds the mission", action=Action.HOLD)
         recovery.enter(turn, M.HOLDING, "everybody stops where they are")
+        if turn.pending is not None:  # what it would be told while held is of no use afterwards: it will ask again
+            turn.want_replan(turn.pending.reason, urgent=turn.pending.urgent)
+            turn.pending = None
     elif wish.wish == "resume" and phase is M.HOLDING:
         recovery.enter(turn, M.RUNNING, "the mission goes on")
         turn.want_replan("the mission was held", urgent=False)
@@ -144,6 +146,12 @@ def _operator(turn: Turn, wish: OperatorInput) -> None:
 def _checks_valid(turn: Turn) -> bool:
     limit_s = turn.state.valid_until_s
     return limit_s is not None and turn.now_s <= limit_s
+
+
+def _call_off_on_the_ground(turn: Turn, why: str) -> None:
+    turn.state = replace(turn.state, aborting=True)
+    turn.commands.extend(Disarm(c.id) for c in (*turn.settings.uavs, *turn.settings.ugvs))
+    recovery.enter(turn, M.ABORTED, why)
 
 
 def _stop_everybody(turn: Turn) -> None:
@@ -279,12 +287,17 @@ def _refusals(turn: Turn) -> None:
         what = type(refusal.command).__name__
         turn.tell(EventKind.GATE_REFUSED, f"{what} for {name} was refused: {refusal.reason}", name)
         retry_s = turn.now_s + dispatch.RETRY_S
-        for i, config in enumerate(turn.settings.uavs):
-            if config.id == name:
-                turn.uavs[i] = dispatch.refused(turn, replace(turn.uavs[i], retry_s=retry_s))
-        for j, road in enumerate(turn.settings.ugvs):
-            if road.id == name:
-                turn.ugvs[j] = dispatch_ugv.refused(turn, replace(turn.ugvs[j], retry_s=retry_s))
+        for i, uav in enumerate(turn.uavs):
+            if turn.settings.uavs[i].id == name and _is_under(uav, refusal.command):
+                turn.uavs[i] = dispatch.refused(turn, replace(uav, retry_s=retry_s))
+        for j, ugv in enumerate(turn.ugvs):
+            if turn.settings.ugvs[j].id == name and _is_under(ugv, refusal.command):
+                turn.ugvs[j] = dispatch_ugv.refused(turn, replace(ugv, retry_s=retry_s))
+
+
+def _is_under(unit: UavState | UgvState, command: Command) -> bool:
+    """Whether the refused command is still the one wanted: a stop ordered since must not be taken back."""
+    return unit.order is not None and unit.order.command == command
 
 
 # --- the mission as a whole -----------------------------------------------------------------------------------------
@@ -294,6 +307,8 @@ def _mission(turn: Turn) -> None:
     phase = turn.state.phase
     if phase is M.CHECKED and turn.state.valid_until_s == math.inf and _all_armed(turn):
         recovery.enter(turn, M.ARMED, "every vehicle is armed")
+    elif phase is M.CHECKED and turn.state.valid_until_s == math.inf and _arming_failed(turn):
+        _call_off_on_the_ground(turn, f"{', '.join(_arming_failed(turn))} cannot be armed")
     elif phase is M.CHECKED and turn.state.valid_until_s == math.inf:
         turn.uavs = [turn.order(u, Arm(c.id)) for u, c in zip(turn.uavs, turn.settings.uavs, strict=True)]
         turn.ugvs = [turn.order(g, Arm(c.id)) for g, c in zip(turn.ugvs, turn.settings.ugvs, strict=True)]
@@ -303,6 +318,12 @@ def _mission(turn: Turn) -> None:
         turn.state = replace(turn.state, end_s=turn.now_s)
         turn.commands.extend(Disarm(c.id) for c in turn.settings.vehicles)
         recovery.enter(turn, M.ABORTED if turn.state.aborting else M.DONE, "everybody is down")
+
+
+def _arming_failed(turn: Turn) -> list[str]:
+    configs = (*turn.settings.uavs, *turn.settings.ugvs)
+    units = (*turn.uavs, *turn.ugvs)
+    return [c.id for c, v in zip(configs, units, strict=True) if EventKind.COMMAND_FAILED in v.active]
 
 
 def _all_armed(turn: Turn) -> bool:
