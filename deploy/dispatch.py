@@ -10,6 +10,7 @@ import math
 from dataclasses import replace
 
 from deploy.events import Action, EventKind
+from deploy.estimate import charge_duration_s
 from deploy.failsafe import Situation, action_for
 from deploy.flightpath import TimedPath, resting, straight
 from deploy.state import AIRBORNE, UAV_FINAL, MissionPhase, UavPhase, UavState
@@ -19,6 +20,7 @@ from planner.plan import Recharge, Visit
 
 RETRY_S = 1.0
 FULL = 0.995
+OVERTIME = 2.0  # of the time that a charge should take
 ON_THE_GROUND = 0.5  # of the cruise altitude: below it and not airborne counts as landed
 P = UavPhase
 
@@ -143,7 +145,7 @@ def _finish_recharge(turn: Turn, uav: UavState) -> UavState:
 
 
 def _flying(turn: Turn, uav: UavState) -> UavState:
-    if uav.held or turn.state.phase is MissionPhase.HOLDING:
+    if uav.held or (turn.state.phase is MissionPhase.HOLDING and not uav.diverting):
         return _hover(turn, replace(uav, work_until_s=None))
     k = turn.next_of_uav(uav.index) if _running(turn) and not uav.diverting else None
     if k is None:
@@ -151,13 +153,13 @@ def _flying(turn: Turn, uav: UavState) -> UavState:
     action = turn.plan.actions[k]
     if isinstance(action, Visit):
         x, y = turn.settings.problem.tasks[action.task]
-        uav, there = _fly(turn, uav, turn.settings.frame.to_arena((float(x), float(y))))
+        uav, there = _fly(turn, replace(uav, site=None), turn.settings.frame.to_arena((float(x), float(y))))
         return _serve(turn, uav, k, action.task) if there else replace(uav, work_until_s=None)
     assert isinstance(action, Recharge)  # a UAV's actions are visits and recharges
     site = turn.plan.sites[k]
     assert site is not None  # a feasible plan recharges only where the UGV stops
     uav, there = _fly(turn, uav, turn.pad_m(uav.index, site))
-    return _to(turn, uav, P.WAITING, site=site, dock_attempts=0) if there else uav
+    return _to(turn, uav, P.WAITING, site=site) if there else uav
 
 
 def _serve(turn: Turn, uav: UavState, k: int, task: int) -> UavState:
@@ -307,7 +309,7 @@ def _docking(turn: Turn, uav: UavState) -> UavState:
     z = _position(uav)[2]
     uav = replace(uav, lowest_m=min(uav.lowest_m, z))
     depth_m = config.altitude_m - ugv.pad_height_m
-    if _landed(turn, uav) and z <= ugv.pad_height_m + ON_THE_GROUND * depth_m:
+    if _landed(uav) and turn.fresh(uav) and z <= ugv.pad_height_m + ON_THE_GROUND * depth_m:
         return _to(turn, uav, P.CHARGING, path=None, charge_from_j=uav.energy_j, charge_seen=False)
     climbed = z > uav.lowest_m + ON_THE_GROUND * depth_m
     if climbed or turn.now_s - uav.since_s > turn.settings.monitors.dock_timeout_s:
@@ -315,23 +317,29 @@ def _docking(turn: Turn, uav: UavState) -> UavState:
     return turn.order(uav, Dock(config.id, ugv.id, uav.docked[1], config.descent_mps, config.altitude_m))
 
 
-def _landed(turn: Turn, uav: UavState) -> bool:
+def _landed(uav: UavState) -> bool:
     telemetry = uav.telemetry
-    return telemetry is not None and not telemetry.airborne and telemetry.stamp_s > uav.since_s and turn.fresh(uav)
+    return telemetry is not None and not telemetry.airborne and telemetry.stamp_s > uav.since_s
 
 
 def _missed(turn: Turn, uav: UavState, kind: EventKind, text: str) -> UavState:
-    """Tries again as often as the mission allows, then does what the failsafe table says for a UAV in the air."""
+    """Tries again as often as the mission allows, then does what the failsafe table says for a UAV in the air.
+
+    The attempts are counted until a charge is confirmed, wherever they were made. A UAV that has used them up takes no
+    further part: it would try until it falls.
+    """
     attempts = uav.dock_attempts + 1
     last = attempts >= turn.settings.monitors.dock_attempts
-    situation = Situation.AIR if last else Situation.DOCKING
-    action = action_for(EventKind.DOCK_MISSED, situation, turn.settings.failsafe)
+    grounded = uav.phase is P.CHARGING
+    situation = Situation.GROUND if grounded else Situation.AIR if last else Situation.DOCKING
+    action = action_for(kind, situation, turn.settings.failsafe)
     then = "no attempt is left" if last else f"attempt {attempts + 1} follows"
     turn.tell(kind, f"{text}; {then}", _name(turn, uav), action)
-    grounded = uav.phase is P.CHARGING
-    uav = replace(uav, dock_attempts=attempts, action=None, charge_seen=False)
+    if last:
+        turn.want_replan(f"{_name(turn, uav)} cannot dock", urgent=True)
+    uav = replace(uav, dock_attempts=attempts, action=None, charge_seen=False, out=uav.out or last)
     if grounded:
-        return _to(turn, uav, P.DOWN if last else P.ON_PAD, out=last)
+        return _to(turn, uav, P.DOWN if last else P.ON_PAD)
     uav = _to(turn, uav, P.WAITING, docked=None, path=resting(_position(uav), turn.now_s))
     return apply(turn, uav, action) if last else uav
 
@@ -347,13 +355,15 @@ def _charging(turn: Turn, uav: UavState) -> UavState:
             text = f"{config.id} charges at {ugv.id} from {100 * uav.charge_from_j / model.capacity_j:.0f} %"
             turn.tell(EventKind.RECHARGE_STARTED, text, config.id)
             turn.state = replace(turn.state, recharges=turn.state.recharges + 1)
-            return replace(uav, charge_seen=True)
+            return replace(uav, charge_seen=True, dock_attempts=0)
         if turn.now_s - uav.since_s > turn.settings.monitors.charge_confirm_s:
             text = f"{config.id} sits on {ugv.id} but does not charge"
             return _missed(turn, uav, EventKind.CHARGE_UNCONFIRMED, text)
         return uav
-    if uav.energy_j >= FULL * model.capacity_j:
-        return _to(turn, uav, P.ON_PAD)
+    full_s = charge_duration_s(turn.settings, uav.docked[0], uav.index, uav.charge_from_j)
+    limit_s = OVERTIME * full_s * turn.settings.frame.time_scale + turn.settings.monitors.charge_confirm_s
+    if uav.energy_j >= FULL * model.capacity_j or turn.now_s - uav.since_s > limit_s:
+        return _to(turn, uav, P.ON_PAD)  # a charge that never ends would hold the UGV, too: it goes on with what it has
     return uav
 
 
@@ -363,14 +373,12 @@ def _charging(turn: Turn, uav: UavState) -> UavState:
 def _landing(turn: Turn, uav: UavState) -> UavState:
     config = turn.settings.uavs[uav.index]
     uav = turn.order(uav, Land(config.id, config.descent_mps))
-    if not (_landed(turn, uav) or _lies_still(turn, uav)):
+    if not (_landed(uav) or _lies_still(turn, uav)):
         return uav
     where = "" if uav.site is None else f" at {site_name(turn, uav.site)}"
     turn.tell(EventKind.UAV_DOWN, f"{config.id} is on the ground{where}", config.id)
     final = uav.out or uav.site is None
-    return _to(
-        turn, uav, P.DOWN if final else P.ON_PAD, path=None, diverting=False, out=final, docked=None, action=None
-    )
+    return _to(turn, uav, P.DOWN if final else P.ON_PAD, path=None, diverting=False, out=final, action=None)
 
 
 def _lies_still(turn: Turn, uav: UavState) -> bool:
@@ -388,8 +396,13 @@ def site_name(turn: Turn, site: int) -> str:
     return "the depot" if site == turn.settings.problem.depot_index else f"path point {site}"
 
 
-def _final(turn: Turn, uav: UavState) -> UavState:
-    if uav.order is not None and isinstance(uav.order.command, StopMotors):
+def _down(turn: Turn, uav: UavState) -> UavState:
+    return uav
+
+
+def _lost(turn: Turn, uav: UavState) -> UavState:
+    """It is asked on and on to stop or to land: it may hear again."""
+    if uav.order is not None and isinstance(uav.order.command, StopMotors | Land):
         return turn.order(uav, uav.order.command)
     return uav
 
@@ -397,26 +410,28 @@ def _final(turn: Turn, uav: UavState) -> UavState:
 def apply(turn: Turn, uav: UavState, action: Action) -> UavState:
     """Does to one UAV what the failsafe table says; actions for the whole team are the supervisor's."""
     name = _name(turn, uav)
-    if uav.phase is P.LOST or (uav.phase is P.DOWN and action is not Action.STOP_MOTORS):
+    if uav.phase in UAV_FINAL and action is not Action.STOP_MOTORS:
         return uav
     match action:
         case Action.HOLD:
             return replace(uav, held=True)
+        case Action.DIVERT if uav.phase is P.TAKING_OFF:  # it leaves its dock first
+            return replace(uav, diverting=True)
         case Action.DIVERT if uav.phase in AIRBORNE and uav.phase is not P.LANDING and not uav.diverting:
-            phase = uav.phase if uav.phase is P.TAKING_OFF else P.FLYING
-            return _to(turn, uav, phase, diverting=True, docked=None, site=None, action=None, work_until_s=None)
+            return _to(turn, uav, P.FLYING, diverting=True, docked=None, site=None, action=None, work_until_s=None)
         case Action.LAND_HERE if uav.phase in AIRBORNE and uav.phase is not P.LANDING:
             turn.want_replan(f"{name} has to land", urgent=True)
             x, y, z = _position(uav)
             path = straight((x, y, z), (x, y, 0.0), turn.now_s, turn.settings.uavs[uav.index].descent_mps, 1.0)
-            return _land(turn, replace(uav, out=True, docked=None, action=None, site=None, path=path, held=False))
+            docked = None if uav.phase is P.WAITING else uav.docked  # else it comes down on the UGV, which must stay
+            return _land(turn, replace(uav, out=True, docked=docked, action=None, site=None, path=path, held=False))
         case Action.REPLAN_WITHOUT if not uav.out:
             turn.want_replan(f"{name} cannot take part", urgent=True)
             return replace(uav, out=True)
         case Action.STOP_MOTORS:
             turn.want_replan(f"{name} is lost", urgent=True)
             uav = turn.order(uav, StopMotors(name))
-            return _to(turn, uav, P.LOST, out=True, path=None, docked=None, action=None)
+            return _to(turn, uav, P.LOST, out=True, path=None, action=None)
         case _:
             return uav
 
@@ -429,8 +444,8 @@ _STEPS = {
     P.DOCKING: _docking,
     P.CHARGING: _charging,
     P.LANDING: _landing,
-    P.DOWN: _final,
-    P.LOST: _final,
+    P.DOWN: _down,
+    P.LOST: _lost,
 }
 assert set(_STEPS) == set(UavPhase) and set(UAV_FINAL) <= set(_STEPS)
 
