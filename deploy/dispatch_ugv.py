@@ -10,7 +10,7 @@ import numpy as np
 
 from deploy.events import Action, EventKind
 from deploy.flightpath import along
-from deploy.state import MissionPhase, UgvPhase, UgvState
+from deploy.state import UAV_FINAL, MissionPhase, UgvPhase, UgvState
 from deploy.turn import Turn
 from drivers.vehicle import Arm, Drive, Hold, StopMotors, Vec2
 from planner.errors import PlannerError
@@ -23,7 +23,11 @@ P = UgvPhase
 
 def advance(turn: Turn, index: int) -> None:
     """Advances one UGV by one turn."""
-    turn.ugvs[index] = _STEPS[turn.ugvs[index].phase](turn, turn.ugvs[index])
+    ugv = turn.ugvs[index]
+    if not ugv.out and any(u.phase in UAV_FINAL for u in turn.guests(index)):
+        turn.want_replan(f"{_name(turn, ugv)} cannot drive with the UAV that will not leave its dock", urgent=True)
+        ugv = replace(ugv, out=True)
+    turn.ugvs[index] = _STEPS[ugv.phase](turn, ugv)
 
 
 def observe(turn: Turn, ugv: UgvState) -> UgvState:
@@ -136,6 +140,7 @@ def _drive(turn: Turn, ugv: UgvState, target: int) -> UgvState:
         return _arrive(turn, replace(ugv, target=target))
     if (blocker := turn.ugv_in_the_way(ugv.index, path)) is not None:
         return _wait(turn, ugv, f"{name} waits for {blocker} to pass")
+    again = ugv.phase is P.HOLDING and ugv.target == target  # one that is stopped again and again makes no progress
     ugv = turn.order(ugv, Drive(name, route_m, config.speed_mps))
     left_m = left_on_route_m(route_m, route_m[0])
     return replace(
@@ -147,8 +152,8 @@ def _drive(turn: Turn, ugv: UgvState, target: int) -> UgvState:
         route_m=route_m,
         path=path,
         left_m=left_m,
-        progress_m=left_m,
-        progress_s=turn.now_s,
+        progress_m=ugv.progress_m if again else left_m,
+        progress_s=ugv.progress_s if again else turn.now_s,
         active=ugv.active - {EventKind.CONFLICT_HELD},
     )
 
@@ -160,7 +165,8 @@ def _wait(turn: Turn, ugv: UgvState, text: str) -> UgvState:
 
 
 def _driving(turn: Turn, ugv: UgvState) -> UgvState:
-    if ugv.held or ugv.out or ugv.target is None or turn.state.phase is MissionPhase.HOLDING:
+    under_way = turn.state.phase in (MissionPhase.RUNNING, MissionPhase.RECOVERING)
+    if ugv.held or ugv.out or ugv.target is None or not under_way:
         ugv = turn.order(ugv, Hold(_name(turn, ugv)))
         return replace(ugv, phase=P.HOLDING, since_s=turn.now_s, path=None, retry_s=turn.now_s + HOLD_S)
     assert ugv.track is not None  # it could not have begun to drive
@@ -192,6 +198,8 @@ def _arrive(turn: Turn, ugv: UgvState) -> UgvState:
 def _holding(turn: Turn, ugv: UgvState) -> UgvState:
     name = _name(turn, ugv)
     ugv = turn.order(ugv, Hold(name)) if ugv.order is None or not isinstance(ugv.order.command, Arm) else ugv
+    if turn.state.phase is MissionPhase.HOLDING:
+        ugv = replace(ugv, progress_s=turn.now_s)
     running = turn.state.phase in (MissionPhase.RUNNING, MissionPhase.RECOVERING)
     if not running or ugv.target is None or not _may_move(turn, ugv):
         return ugv

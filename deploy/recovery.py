@@ -29,7 +29,8 @@ def finish(turn: Turn) -> None:
     """The plan is done: UAVs still in the air land at their sites, a UGV is sent to each path point with a UAV."""
     _begin(turn, f"{sum(turn.visited)} of {len(turn.visited)} tasks are visited")
     served = {turn.settings.problem.depot_index} | {g.site for g in turn.ugvs} | {g.target for g in turn.ugvs}
-    idle = [g.index for g in turn.ugvs if g.phase is UgvPhase.PARKED and not g.out]
+    busy = {u.docked[0] for u in turn.uavs if u.docked is not None}
+    idle = [g.index for g in turn.ugvs if g.phase is UgvPhase.PARKED and not g.out and g.index not in busy]
     for uav in turn.uavs:
         if uav.phase in UAV_FINAL or uav.docked is not None or uav.track is None:
             continue
