@@ -7,8 +7,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import shapely
 
 from deploy.events import Action, EventKind
+from deploy.fence import line_of
 from deploy.flightpath import along
 from deploy.state import UAV_FINAL, MissionPhase, UgvPhase, UgvState
 from deploy.turn import Turn
@@ -44,20 +46,10 @@ def observe(turn: Turn, ugv: UgvState) -> UgvState:
     return replace(ugv, left_m=left_m, progress_m=left_m, progress_s=turn.now_s, stuck=False)
 
 
-def left_on_route_m(route_m: Sequence[Vec2], position_m: Vec2) -> float:
+def left_on_route_m(route_m: tuple[Vec2, ...], position_m: Vec2) -> float:
     """Way left from the route's point nearest to ``position_m`` to its end, in m."""
-    best_m, best_left_m, tail_m = math.inf, 0.0, 0.0
-    for a, b in zip(reversed(route_m[:-1]), reversed(route_m[1:]), strict=True):
-        length_m = math.dist(a, b)
-        f = 0.0
-        if length_m > 0:
-            along_m = ((position_m[0] - a[0]) * (b[0] - a[0]) + (position_m[1] - a[1]) * (b[1] - a[1])) / length_m
-            f = min(1.0, max(0.0, along_m / length_m))
-        off_m = math.dist(position_m, (a[0] + f * (b[0] - a[0]), a[1] + f * (b[1] - a[1])))
-        if off_m < best_m:
-            best_m, best_left_m = off_m, tail_m + (1 - f) * length_m
-        tail_m += length_m
-    return best_left_m
+    line = line_of(route_m)
+    return line.length - float(shapely.line_locate_point(line, shapely.Point(position_m)))
 
 
 def route_to(turn: Turn, ugv: UgvState, site: int) -> tuple[Vec2, ...]:

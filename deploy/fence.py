@@ -1,4 +1,4 @@
-"""The geofence: inside or not, how far from its edge, and whether a straight path stays inside."""
+"""Plane geometry: inside the geofence or not, how far from its edge, whether a path stays inside; routes as lines."""
 
 from __future__ import annotations
 
@@ -16,15 +16,21 @@ def _polygon(vertices: tuple[Vec2, ...]) -> shapely.Polygon:
     return polygon
 
 
+@lru_cache(maxsize=128)
+def line_of(points: tuple[Vec2, ...]) -> shapely.LineString:
+    """A polyline of at least two points; made once, since routes are looked at every turn."""
+    return shapely.LineString(points)
+
+
 def margin_m(vertices: tuple[Vec2, ...], x: float, y: float) -> float:
     """Distance from (x, y) to the polygon's edge, in m: positive inside, negative outside."""
     polygon = _polygon(vertices)
-    distance_m = float(shapely.distance(polygon.exterior, shapely.points(x, y)))
+    distance_m = float(shapely.distance(polygon.exterior, shapely.Point(x, y)))
     return distance_m if shapely.contains_xy(polygon, x, y) else -distance_m
 
 
 def path_inside(vertices: tuple[Vec2, ...], points: tuple[Vec2, ...]) -> bool:
     """Whether the whole polyline lies inside or on the polygon."""
     if len(set(points)) == 1:
-        return bool(shapely.covers(_polygon(vertices), shapely.points(points[0])))
+        return bool(shapely.covers(_polygon(vertices), shapely.Point(points[0])))
     return bool(shapely.covers(_polygon(vertices), shapely.linestrings(points)))

@@ -9,9 +9,9 @@ from dataclasses import replace
 import shapely
 
 from deploy.events import EventKind
-from deploy.fence import margin_m
+from deploy.fence import line_of, margin_m
 from deploy.settings import UavSettings
-from deploy.state import AIRBORNE, UAV_FINAL, Finding, Track, UavPhase, UavState, UgvPhase, UgvState
+from deploy.state import AIRBORNE, Finding, Track, UavPhase, UavState, UgvPhase, UgvState
 from deploy.turn import Turn
 from drivers.vehicle import Drive, GoTo, Vec3, VehicleState
 from planner.plan import Recharge
@@ -146,6 +146,16 @@ def energy_after_landing_j(turn: Turn, uav: UavState) -> float:
     return uav.energy_j - _flight_j(turn, uav, math.dist(uav.track.position_m[:2], turn.pad_m(uav.index, site)))
 
 
+def would_turn_back(turn: Turn, uav: UavState) -> bool:
+    """Whether a UAV on the ground has too little energy to take off for more than a dock beside it."""
+    assert uav.track is not None  # asked only of UAVs that are seen
+    config, (x, y, z) = turn.settings.uavs[uav.index], uav.track.position_m
+    climb_s = max(0.0, config.altitude_m - z) / config.climb_mps / turn.settings.frame.time_scale
+    above = replace(uav.track, position_m=(x, y, config.altitude_m))
+    left_j = uav.energy_j - turn.settings.problem.uavs[uav.index].hover_w * climb_s
+    return energy_after_landing_j(turn, replace(uav, track=above, energy_j=left_j)) < _floor_j(turn, uav)
+
+
 def _ugv(turn: Turn, ugv: UgvState) -> Iterator[Finding]:
     config, m = turn.settings.ugvs[ugv.index], turn.settings.monitors
     driving = ugv.phase is UgvPhase.DRIVING
@@ -156,7 +166,7 @@ def _ugv(turn: Turn, ugv: UgvState) -> Iterator[Finding]:
         return
     yield from _fence(turn, config.id, (ugv.track.position_m[0], ugv.track.position_m[1], 0.0))
     if len(ugv.route_m) > 1:
-        off_m = float(shapely.distance(shapely.linestrings(ugv.route_m), shapely.points(ugv.track.position_m[:2])))
+        off_m = float(shapely.distance(line_of(ugv.route_m), shapely.Point(ugv.track.position_m[:2])))
         if off_m > m.ugv_off_road_m:
             yield Finding(K.UGV_OFF_ROAD, config.id, f"{config.id} is {off_m:.1f} m off its road")
     if driving and turn.now_s - ugv.progress_s >= m.ugv_stuck_s:
@@ -168,14 +178,14 @@ def _separation(turn: Turn) -> Iterator[Finding]:
     flying = [u for u in turn.uavs if u.phase in AIRBORNE and u.track is not None]
     for i, high in enumerate(flying):
         for low in flying[i + 1 :]:
-            config = turn.settings.uavs[low.index]
+            stops = low if _can_stop(low) or not _can_stop(high) else high
+            config = turn.settings.uavs[stops.index]
             ahead_s = 1.0 + config.speed_mps / config.accel_mps2
             near = _soon_near(turn, high, low, ahead_s, s.horizontal_m + s.buffer_m / 2, s.vertical_m + s.buffer_m / 2)
             if near is not None:
                 names = [turn.settings.uavs[u.index].id for u in (high, low)]
-                who = names[1] if _can_stop(low) or not _can_stop(high) else names[0]
                 text = f"{names[0]} and {names[1]} come as near as {near[0]:.1f} m and {near[1]:.1f} m in height"
-                yield Finding(K.SEPARATION, who, text)
+                yield Finding(K.SEPARATION, config.id, text)
     moving = [g for g in turn.ugvs if g.track is not None]
     for i, first in enumerate(moving):
         for second in moving[i + 1 :]:
@@ -209,14 +219,32 @@ def _soon_near(
     va, vb = _ahead(turn, a, ahead_s), _ahead(turn, b, ahead_s)
     dx, dy, dz = pb[0] - pa[0], pb[1] - pa[1], pb[2] - pa[2]
     ex, ey, ez = vb[0] - va[0], vb[1] - va[1], vb[2] - va[2]
-    ee = ex * ex + ey * ey
-    nearest = min(1.0, max(0.0, -(dx * ex + dy * ey) / ee)) if ee > 0 else 1.0
-    for f in (nearest, 1.0):
+    ee, de = ex * ex + ey * ey, dx * ex + dy * ey
+    inside_h = _below_zero(ee, de, dx * dx + dy * dy - horizontal_m**2)
+    inside_v = _below_zero(ez * ez, dz * ez, dz * dz - vertical_m**2)
+    if inside_h is None or inside_v is None:
+        return None
+    first, last = max(inside_h[0], inside_v[0]), min(inside_h[1], inside_v[1])
+    if first > last:
+        return None
+    nearest = min(last, max(first, -de / ee)) if ee > 0 else last
+    for f in (nearest, last):
         h_m, v_m = math.hypot(dx + f * ex, dy + f * ey), abs(dz + f * ez)
-        closing = h_m < math.hypot(dx, dy) - 1e-6 or v_m < abs(dz) - 1e-6
-        if h_m < horizontal_m and v_m < vertical_m and closing:
+        if h_m < math.hypot(dx, dy) - 1e-6 or v_m < abs(dz) - 1e-6:
             return h_m, v_m
     return None
+
+
+def _below_zero(a: float, b: float, c: float) -> tuple[float, float] | None:
+    """The part of 0..1 where ``a f^2 + 2 b f + c`` is below 0, for a square's ``a`` >= 0 (0 where nothing moves)."""
+    if a == 0:
+        return (0.0, 1.0) if c < 0 else None
+    under_root = b * b - a * c
+    if under_root <= 0:
+        return None
+    root = math.sqrt(under_root)
+    first, last = max(0.0, (-b - root) / a), min(1.0, (-b + root) / a)
+    return (first, last) if first <= last else None
 
 
 def _ahead(turn: Turn, unit: UavState | UgvState, ahead_s: float) -> Vec3:
@@ -244,8 +272,3 @@ def note_deviation(turn: Turn, uav: UavState) -> UavState:
     if off_m <= turn.settings.monitors.tracking_error_m:
         return uav if uav.off_path_since_s is None else replace(uav, off_path_since_s=None)
     return uav if uav.off_path_since_s is not None else replace(uav, off_path_since_s=turn.now_s)
-
-
-def watched(uav: UavState) -> bool:
-    """Whether the UAV still takes part."""
-    return uav.phase not in UAV_FINAL

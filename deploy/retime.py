@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from deploy.estimate import charge_duration_s
 from deploy.flightpath import rest_to_rest_s
+from deploy.monitors import would_turn_back
 from deploy.settings import Settings
 from deploy.state import UAV_FINAL, PlanState, UavPhase, UavState, UgvPhase
 from deploy.turn import Turn
@@ -107,6 +108,10 @@ def _uav(turn: Turn, uav: UavState, docked_until_s: float | None, tolerance: flo
     if uav.energy_j < RESCUE_BELOW * reserve_j:
         # A UAV that has come below its reserve may use a part of it to be rescued; else no plan would exist.
         reserve_j = RESCUE_SHARE * uav.energy_j
+    if uav.phase is UavPhase.ON_PAD and uav.site is not None and would_turn_back(turn, uav):
+        # It may not fly anywhere: a UGV must come to where it stands.
+        x, y = turn.settings.problem.sites[uav.site]
+        position, reserve_j = (float(x), float(y)), (1 - 1e-6) * uav.energy_j
     return replace(model, position=position, energy_j=uav.energy_j, reserve_j=reserve_j, ready_s=ready_s)
 
 
@@ -116,10 +121,9 @@ def _ugv(turn: Turn, index: int, ready: dict[int, float]) -> Ugv:
     for guest in turn.guests(index):
         assert guest.docked is not None
         docks[guest.docked[1]] = ready.get(guest.index, 0.0)
-    busy_s = max(docks)
     if ugv.track is None:
         return model
-    base = replace(model, energy_j=ugv.energy_j, ready_s=busy_s, dock_ready_s=tuple(docks), distance_to_m=None)
+    base = replace(model, energy_j=ugv.energy_j, ready_s=0.0, dock_ready_s=tuple(docks), distance_to_m=None)
     if ugv.site is not None:
         at = None if ugv.site == turn.settings.problem.depot_index else ugv.site
         return replace(base, path_point=at, position=None)

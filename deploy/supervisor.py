@@ -173,33 +173,35 @@ def _look(turn: Turn) -> None:
     }
     news = {v.vehicle: v for v in turn.observation.vehicles}
     tracks: dict[str, Track] = {}
-    for i, (uav, config) in enumerate(zip(turn.uavs, settings.uavs, strict=True)):
+    for uav, config in zip(turn.uavs, settings.uavs, strict=True):
         track = _follow(
             turn, uav.track, poses.get(config.body), uav.phase in AIRBORNE, config.max_speed_mps, config.accel_mps2
         )
-        turn.uavs[i] = replace(uav, track=track, telemetry=news.get(config.id, uav.telemetry))
         if track is not None:
             tracks[config.id] = track
-    for j, (ugv, road) in enumerate(zip(turn.ugvs, settings.ugvs, strict=True)):
+    for ugv, road in zip(turn.ugvs, settings.ugvs, strict=True):
         driving = ugv.phase is UgvPhase.DRIVING
         track = _follow(turn, ugv.track, poses.get(road.body), driving, road.max_speed_mps, road.accel_mps2)
-        turn.ugvs[j] = replace(ugv, track=track, telemetry=news.get(road.id, ugv.telemetry))
         if track is not None:
             tracks[road.id] = track
     tracks = estimate.mark_swaps(tracks, settings.monitors)
     for i, config in enumerate(settings.uavs):
-        uav = replace(turn.uavs[i], track=tracks.get(config.id))
-        energy_j = estimate.uav_energy(settings, uav, config, uav.telemetry, turn.now_s)
-        uav = replace(uav, energy_j=energy_j, energy_s=turn.now_s)
+        uav = turn.uavs[i]
+        telemetry = news.get(config.id, uav.telemetry)
+        energy_j = estimate.uav_energy(settings, uav, config, telemetry, turn.now_s)
+        track = tracks.get(config.id)
+        uav = replace(uav, track=track, telemetry=telemetry, energy_j=energy_j, energy_s=turn.now_s)
         turn.uavs[i] = monitors.note_deviation(turn, turn.confirm(uav, config.speed_mps))
     for j, road in enumerate(settings.ugvs):
-        ugv = replace(turn.ugvs[j], track=tracks.get(road.id))
-        energy_j = estimate.ugv_energy(settings, ugv, road, ugv.telemetry, turn.now_s)
-        ugv = dispatch_ugv.observe(turn, replace(ugv, energy_j=energy_j, energy_s=turn.now_s))
+        ugv = turn.ugvs[j]
+        telemetry = news.get(road.id, ugv.telemetry)
+        energy_j = estimate.ugv_energy(settings, ugv, road, telemetry, turn.now_s)
+        track = tracks.get(road.id)
+        ugv = replace(ugv, track=track, telemetry=telemetry, energy_j=energy_j, energy_s=turn.now_s)
+        ugv = dispatch_ugv.observe(turn, ugv)
         turn.ugvs[j] = turn.confirm(ugv, road.speed_mps)
-    for i, before in enumerate(
-        turn.state.uavs
-    ):  # what a virtual UAV battery has gained, a virtual UGV battery has lost
+    # What a virtual UAV battery has gained, a virtual UGV battery has lost.
+    for i, before in enumerate(turn.state.uavs):
         after = turn.uavs[i]
         if after.phase is UavPhase.CHARGING and after.docked is not None and settings.uavs[i].energy == "virtual":
             ugv = turn.ugvs[after.docked[0]]
@@ -234,7 +236,8 @@ def _judge(turn: Turn) -> None:
         situation = UAV_SITUATION[uav.phase]
         actions = _tell(turn, config.id, uav.active, found, situation, armed)
         lost = {EventKind.LINK_LOST, EventKind.POSE_LOST} <= {f.kind for f in found}
-        uav = replace(uav, active=_active(uav.active, found), held=False)
+        if found or uav.held or uav.active:
+            uav = replace(uav, active=_active(uav.active, found), held=False)
         for action in actions if armed else ():
             uav = dispatch.apply(turn, uav, action)
         if lost and armed and uav.phase in AIRBORNE:
@@ -245,7 +248,8 @@ def _judge(turn: Turn) -> None:
         ugv = turn.ugvs[j]
         found = by_vehicle.get(road.id, [])
         actions = _tell(turn, road.id, ugv.active, found, UGV_SITUATION[ugv.phase], armed)
-        ugv = replace(ugv, active=_active(ugv.active, found), held=False)
+        if found or ugv.held or ugv.active:
+            ugv = replace(ugv, active=_active(ugv.active, found), held=False)
         for action in actions if armed else ():
             ugv = dispatch_ugv.apply(turn, ugv, action)
         turn.ugvs[j] = ugv

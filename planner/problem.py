@@ -200,7 +200,7 @@ class Problem:
         _require(roads.shape == (n, n), f"road_distance_m has shape {roads.shape}; give ({n}, {n}): path points, then depot")
         _require(not bool(np.isnan(roads).any()), "road_distance_m: not-a-number is not a distance; use inf where no road leads")
         _require(bool((roads >= 0).all()), "road_distance_m: a distance is negative")
-        _require(bool(np.allclose(roads, roads.T)), "road_distance_m is not symmetric")
+        _require(np.array_equal(roads, roads.T) or bool(np.allclose(roads, roads.T)), "road_distance_m is not symmetric")
         _require(bool((np.diag(roads) == 0).all()), "road_distance_m: the diagonal must be 0")
         _require(visited.shape == (len(tasks),), f"visited has {visited.size} entries for {len(tasks)} tasks")
         _require(len(self.uavs) > 0, "uavs is empty; a mission needs at least one UAV")
