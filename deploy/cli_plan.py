@@ -51,12 +51,12 @@ def plan(
         if plan_file.resolve() == file.resolve():
             raise InputError("is the input itself; give another file", key="--out")
         _check_writable(plan_file)
-    task = _mission(file) if file.suffix.lower() in (".yaml", ".yml") else _problem(file)
+    is_mission = file.suffix.lower() in (".yaml", ".yml")
+    task = _mission(file, planner, seed) if is_mission else _problem(file, planner, seed)
     stop = task.stop if time_s is None else Stop(time_s=time_s)
-    params = task.params if planner is None else Params(method=planner)
     what = f"planning {task.name}" + (f" for {stop.time_s:g} s" if stop.time_s is not None else "")
     with working(what, quiet=as_json):
-        made = plan_with_margin(task.problem, task.margin, stop, task.seed if seed is None else seed, params)
+        made = plan_with_margin(task.problem, task.margin, stop, task.seed, task.params)
     picture = None
     if plan_file is not None:
         picture = plan_file.with_suffix(".png")
@@ -88,16 +88,16 @@ def _check_writable(path: Path) -> None:
         path.unlink()
 
 
-def _problem(file: Path) -> _Task:
-    return _Task(Problem.read(file), Stop(time_s=DEFAULT_TIME_S), 0, Params(), file.stem)
+def _problem(file: Path, planner: str | None, seed: int | None) -> _Task:
+    params = Params() if planner is None else Params(method=planner)
+    return _Task(Problem.read(file), Stop(time_s=DEFAULT_TIME_S), seed or 0, params, file.stem)
 
 
-def _mission(file: Path) -> _Task:
+def _mission(file: Path, planner: str | None, seed: int | None) -> _Task:
     from deploy.map_drawing import drawing_of  # noqa: PLC0415  (a problem file needs no map)
-    from deploy.mission import load  # noqa: PLC0415
-    from deploy.planning_settings import first_plan  # noqa: PLC0415
+    from deploy.planning_settings import first_plan, load_with  # noqa: PLC0415
 
-    mission = load(file)
+    mission = load_with(file, planner, seed)
     stop, seed, params = first_plan(mission)
     drawing, margin = drawing_of(mission.geometry), mission.settings.replanning.margin
     return _Task(mission.problem, stop, seed, params, mission.name, mission.roads, drawing, margin)

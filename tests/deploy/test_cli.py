@@ -183,7 +183,7 @@ def test_ctrl_c_before_the_flight(mission: str, monkeypatch: pytest.MonkeyPatch)
     def interrupted(*args: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("deploy.session.solve", interrupted)
+    monkeypatch.setattr("deploy.session.plan_with_margin", interrupted)
     code, _, err = call("run", mission)
     assert (code, err) == (3, "aborted by the operator\n")
     assert list(Path("runs").iterdir()) == []
@@ -205,7 +205,7 @@ def test_errors_of_the_world_around(
     def fails(*args: object) -> None:
         raise error
 
-    monkeypatch.setattr("deploy.session.solve", fails)
+    monkeypatch.setattr("deploy.session.plan_with_margin", fails)
     found, _, err = call("check", mission)
     assert found == code
     assert err.startswith(words)

@@ -110,6 +110,6 @@ def test_ctrl_c_while_planning(problem: Path, monkeypatch: pytest.MonkeyPatch) -
     def interrupted(*args: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("deploy.cli_plan.solve", interrupted)
+    monkeypatch.setattr("deploy.cli_plan.plan_with_margin", interrupted)
     code, out, err = call("plan", problem)
     assert (code, out, err) == (3, "", "aborted by the operator\n")
