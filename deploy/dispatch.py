@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from deploy.events import Action, EventKind
 from deploy.estimate import charge_duration_s
+from deploy.events import Action, EventKind
 from deploy.failsafe import Situation, action_for
 from deploy.flightpath import TimedPath, resting, straight
+from deploy.retime import would_turn_back
 from deploy.state import AIRBORNE, UAV_FINAL, MissionPhase, UavPhase, UavState
 from deploy.turn import RESTING, Turn
 from drivers.vehicle import Arm, Dock, GoTo, Hold, Land, StopMotors, TakeOff, Vec2, Vec3
@@ -83,6 +84,9 @@ def _on_pad(turn: Turn, uav: UavState) -> UavState:
         return uav
     if not _may_move(turn, uav):
         return uav
+    if uav.docked is None and k is not None and not _is_here(turn, uav, k) and would_turn_back(turn, uav):
+        turn.want_replan(f"{_name(turn, uav)} has too little energy to take off", urgent=True)
+        return uav
     if uav.docked is not None and any(g.index != uav.index and g.phase in AIRBORNE for g in turn.guests(uav.docked[0])):
         return uav  # another UAV is in the column above this UGV
     if uav.telemetry is None or not uav.telemetry.armed:
@@ -105,10 +109,14 @@ def _in_the_way_at_dock(turn: Turn, ugv: int) -> bool:
     )
 
 
+def _is_here(turn: Turn, uav: UavState, k: int) -> bool:
+    """Whether action ``k`` is a rendezvous where the UAV has landed."""
+    return isinstance(turn.plan.actions[k], Recharge) and uav.site == turn.plan.sites[k]
+
+
 def _waits_on_the_ground(turn: Turn, uav: UavState, k: int) -> bool:
     """A UAV that has landed at its rendezvous stays down until it can dock."""
-    action = turn.plan.actions[k]
-    return isinstance(action, Recharge) and uav.site == turn.plan.sites[k] and not turn.rendezvous_ready(k)
+    return _is_here(turn, uav, k) and not turn.rendezvous_ready(k)
 
 
 def _wait(turn: Turn, uav: UavState, text: str) -> UavState:

@@ -146,16 +146,6 @@ def energy_after_landing_j(turn: Turn, uav: UavState) -> float:
     return uav.energy_j - _flight_j(turn, uav, math.dist(uav.track.position_m[:2], turn.pad_m(uav.index, site)))
 
 
-def would_turn_back(turn: Turn, uav: UavState) -> bool:
-    """Whether a UAV on the ground has too little energy to take off for more than a dock beside it."""
-    assert uav.track is not None  # asked only of UAVs that are seen
-    config, (x, y, z) = turn.settings.uavs[uav.index], uav.track.position_m
-    climb_s = max(0.0, config.altitude_m - z) / config.climb_mps / turn.settings.frame.time_scale
-    above = replace(uav.track, position_m=(x, y, config.altitude_m))
-    left_j = uav.energy_j - turn.settings.problem.uavs[uav.index].hover_w * climb_s
-    return energy_after_landing_j(turn, replace(uav, track=above, energy_j=left_j)) < _floor_j(turn, uav)
-
-
 def _ugv(turn: Turn, ugv: UgvState) -> Iterator[Finding]:
     config, m = turn.settings.ugvs[ugv.index], turn.settings.monitors
     driving = ugv.phase is UgvPhase.DRIVING

@@ -18,6 +18,7 @@ from planner.schedule import Prediction, evaluate, predict
 
 DOCKED = frozenset({UavPhase.DOCKING, UavPhase.CHARGING})
 URGENT_RETRY_S = 5.0
+GIVE_UP = 6  # times the time after which a replan is late: then it is taken for one without a plan
 
 
 def review(turn: Turn) -> None:
@@ -87,6 +88,8 @@ def _late(turn: Turn) -> None:
         action = action_for(EventKind.PLANNER_LATE, Situation.MISSION, turn.settings.failsafe)
         turn.tell(EventKind.PLANNER_LATE, f"no replan after {limit_s:g} s; the old plan is flown on", None, action)
         turn.pending = replace(pending, late=True)
+    if pending is not None and turn.now_s - pending.asked_s > GIVE_UP * limit_s:
+        _take(turn, PlanReply(pending.number, False, (), "none", 0.0, "the planner does not answer", usable=False))
 
 
 def _request(turn: Turn) -> None:
@@ -135,9 +138,10 @@ def _take(turn: Turn, reply: PlanReply) -> None:
         text = f"replan {reply.number} found no plan: {reply.violation or 'it does not fit any more'}"
         if old.survives:
             turn.tell(EventKind.PLAN_KEPT, text)
-            turn.plan = replace(
-                turn.plan, given_up=old_given_up, violation=None, baseline_s=turn.mission_s + old.makespan_s
-            )
+            _keep(turn, rest, old_given_up, exclude, old)
+        elif reply.usable or turn.state.replan_reason is not None:  # things have changed while it was made
+            turn.tell(EventKind.PLAN_KEPT, text)
+            turn.want_replan(text, urgent=True)
         else:
             _hopeless(turn, text)
         return
@@ -149,7 +153,7 @@ def _take(turn: Turn, reply: PlanReply) -> None:
         promised_s, offered_s = turn.mission_s + old.makespan_s, turn.mission_s + new.makespan_s
         text = f"replan {reply.number} ({offered_s:.0f} s) is no better than the plan ({promised_s:.0f} s)"
         turn.tell(EventKind.PLAN_KEPT, text)
-        turn.plan = replace(turn.plan, baseline_s=promised_s, given_up=old_given_up, violation=None)
+        _keep(turn, rest, old_given_up, exclude, old)
         return
     problem = problem_now(turn, given_up, turn.settings.replanning.tolerance)
     number = turn.plan.number + 1
@@ -164,6 +168,24 @@ def _take(turn: Turn, reply: PlanReply) -> None:
         EventKind.PLAN_ADOPTED,
         f"plan {number} ends at {turn.plan.planned_s:.0f} s instead of {before}{left_out} ({pending.reason})",
     )
+
+
+def _keep(
+    turn: Turn,
+    rest: tuple[PlanAction, ...],
+    given_up: frozenset[int],
+    exclude: tuple[tuple[int, ...], tuple[int, ...]],
+    now: Prediction,
+) -> None:
+    """The plan stays in force, less what those were to do who take no part: nobody may wait for them."""
+    plan = turn.plan
+    under_way = sum(u.action is not None for u in turn.uavs)
+    if plan.done.count(False) - under_way > len(rest):
+        problem = problem_now(turn, given_up, turn.settings.replanning.tolerance)
+        plan = plan_state(turn.settings, problem, rest, number=plan.number, at_s=turn.mission_s, exclude=exclude)
+        plan = replace(plan, planned_s=turn.plan.planned_s)
+        turn.uavs = [replace(u, action=None) for u in turn.uavs]
+    turn.plan = replace(plan, given_up=given_up, violation=None, baseline_s=turn.mission_s + now.makespan_s)
 
 
 def _predict(
