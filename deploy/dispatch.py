@@ -311,7 +311,7 @@ def _long_wait(turn: Turn, uav: UavState, ugv: int) -> bool:
 
 def _docking(turn: Turn, uav: UavState) -> UavState:
     assert uav.docked is not None  # set on the way into this phase
-    config, ugv = turn.settings.uavs[uav.index], turn.settings.ugvs[uav.docked[0]]
+    dock, config, ugv = uav.docked[1], turn.settings.uavs[uav.index], turn.settings.ugvs[uav.docked[0]]
     if uav.held:
         return turn.order(uav, Hold(config.id))
     z = _position(uav)[2]
@@ -322,7 +322,7 @@ def _docking(turn: Turn, uav: UavState) -> UavState:
     climbed = z > uav.lowest_m + ON_THE_GROUND * depth_m
     if climbed or turn.now_s - uav.since_s > turn.settings.monitors.dock_timeout_s:
         return _missed(turn, uav, EventKind.DOCK_MISSED, f"{config.id} has missed the dock of {ugv.id}")
-    return turn.order(uav, Dock(config.id, ugv.id, uav.docked[1], config.descent_mps, config.altitude_m))
+    return turn.order(uav, Dock(config.id, ugv.id, dock, config.descent_mps, config.altitude_m))
 
 
 def _landed(uav: UavState) -> bool:

@@ -150,7 +150,7 @@ def _checks_valid(turn: Turn) -> bool:
 
 def _call_off_on_the_ground(turn: Turn, why: str) -> None:
     turn.state = replace(turn.state, aborting=True)
-    turn.commands.extend(Disarm(c.id) for c in (*turn.settings.uavs, *turn.settings.ugvs))
+    turn.commands.extend(Disarm(c.id) for c in turn.settings.vehicles)
     recovery.enter(turn, M.ABORTED, why)
 
 
@@ -325,9 +325,8 @@ def _mission(turn: Turn) -> None:
 
 
 def _arming_failed(turn: Turn) -> list[str]:
-    configs = (*turn.settings.uavs, *turn.settings.ugvs)
     units = (*turn.uavs, *turn.ugvs)
-    return [c.id for c, v in zip(configs, units, strict=True) if EventKind.COMMAND_FAILED in v.active]
+    return [c.id for c, v in zip(turn.settings.vehicles, units, strict=True) if EventKind.COMMAND_FAILED in v.active]
 
 
 def _all_armed(turn: Turn) -> bool:
