@@ -231,7 +231,7 @@ def uav(
 ) -> UavState:
     """A healthy UAV seen at ``at`` just now; on the pad with 60 kJ unless ``members`` say otherwise."""
     first = UavState(index, track=track(at, now_s), telemetry=report(f"uav{index}", now_s), energy_j=60_000.0)
-    return replace(first, energy_s=now_s, **members)
+    return replace(first, **{"energy_s": now_s, **members})
 
 
 def ugv(
@@ -239,7 +239,7 @@ def ugv(
 ) -> UgvState:
     """A healthy UGV seen at ``at`` just now; parked with 1 MJ unless ``members`` say otherwise."""
     first = UgvState(index, track=track(at, now_s), telemetry=report(f"ugv{index}", now_s), energy_j=1e6)
-    return replace(first, energy_s=now_s, progress_s=now_s, **members)
+    return replace(first, **{"energy_s": now_s, "progress_s": now_s, **members})
 
 
 def turn(
