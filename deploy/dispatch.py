@@ -13,7 +13,7 @@ from deploy.estimate import charge_duration_s
 from deploy.events import Action, EventKind
 from deploy.failsafe import Situation, action_for
 from deploy.flightpath import TimedPath, resting, straight
-from deploy.retime import would_turn_back
+from deploy.monitors import climbed, energy_on_dock_j, only_landing_is_left, would_turn_back
 from deploy.state import AIRBORNE, UAV_FINAL, MissionPhase, UavPhase, UavState
 from deploy.turn import RESTING, Turn
 from drivers.vehicle import Arm, Dock, GoTo, Hold, Land, StopMotors, TakeOff, Vec2, Vec3
@@ -35,6 +35,11 @@ def advance(turn: Turn, index: int) -> None:
         turn.want_replan(f"{name} has landed by itself", urgent=True)
         turn.uavs[index] = _to(turn, uav, P.DOWN, out=True, path=None, docked=None, action=None)
         return
+    if uav.phase in (P.FLYING, P.WAITING) and only_landing_is_left(turn, uav):
+        name = turn.settings.uavs[index].id
+        text = f"{name} lands where it is: its energy is enough for nothing else"
+        turn.tell(EventKind.ENERGY_NO_RETURN, text, name, Action.LAND_HERE)
+        turn.uavs[index] = uav = apply(turn, uav, Action.LAND_HERE)
     turn.uavs[index] = _STEPS[uav.phase](turn, uav)
 
 
@@ -84,9 +89,9 @@ def _on_pad(turn: Turn, uav: UavState) -> UavState:
         return uav
     if not _may_move(turn, uav):
         return uav
-    if uav.docked is None and k is not None and not _is_here(turn, uav, k) and would_turn_back(turn, uav):
+    if uav.docked is None and k is not None and _too_empty(turn, uav, k):
         turn.want_replan(f"{_name(turn, uav)} has too little energy to take off", urgent=True)
-        return uav
+        return replace(uav, out=_is_here(turn, uav, k))  # not even for the dock beside it: it stays where it is
     if uav.docked is not None and any(g.index != uav.index and g.phase in AIRBORNE for g in turn.guests(uav.docked[0])):
         return uav  # another UAV is in the column above this UGV
     if uav.telemetry is None or not uav.telemetry.armed:
@@ -112,6 +117,12 @@ def _in_the_way_at_dock(turn: Turn, ugv: int) -> bool:
 def _is_here(turn: Turn, uav: UavState, k: int) -> bool:
     """Whether action ``k`` is a rendezvous where the UAV has landed."""
     return isinstance(turn.plan.actions[k], Recharge) and uav.site == turn.plan.sites[k]
+
+
+def _too_empty(turn: Turn, uav: UavState, k: int) -> bool:
+    if _is_here(turn, uav, k):
+        return energy_on_dock_j(turn, climbed(turn, uav), k) <= 0
+    return would_turn_back(turn, uav)
 
 
 def _waits_on_the_ground(turn: Turn, uav: UavState, k: int) -> bool:

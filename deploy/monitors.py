@@ -17,6 +17,7 @@ from drivers.vehicle import Drive, GoTo, Vec3, VehicleState
 from planner.plan import Recharge
 
 K = EventKind
+LANDING_SPARE = 1.2  # times the energy of coming straight down
 
 
 def findings(turn: Turn) -> list[Finding]:
@@ -120,10 +121,41 @@ def _about_to_dock(turn: Turn, uav: UavState) -> bool:
     if k is None or not isinstance(action := turn.plan.actions[k], Recharge) or not turn.rendezvous_ready(k):
         return False
     assert uav.track is not None  # asked only of UAVs that are seen
-    distance_m = math.dist(uav.track.position_m[:2], turn.dock_m(action.ugv, turn.plan.docks[k] or 0))
-    return uav.energy_j - _flight_j(turn, uav, distance_m) > 0 and distance_m <= 1.2 * (
+    dock_m = turn.dock_m(action.ugv, turn.plan.docks[k] or 0)
+    beside_m = math.dist(dock_m, turn.site_m(turn.nearest_site((*dock_m, 0.0))[0]))
+    distance_m = math.dist(uav.track.position_m[:2], dock_m)
+    return energy_on_dock_j(turn, uav, k) > 0 and distance_m <= beside_m + 1.2 * (
         turn.nearest_site(uav.track.position_m)[1] + 2 * _pad_reach_m(turn, uav)
     )
+
+
+def energy_on_dock_j(turn: Turn, uav: UavState, k: int) -> float:
+    """Energy left after flying to the dock of recharge ``k`` and landing on it, in J; below 0 if it cannot."""
+    action = turn.plan.actions[k]
+    assert isinstance(action, Recharge) and uav.track is not None  # asked only of UAVs that are seen
+    dock_m = turn.dock_m(action.ugv, turn.plan.docks[k] or 0)
+    return uav.energy_j - _flight_j(turn, uav, math.dist(uav.track.position_m[:2], dock_m))
+
+
+def climbed(turn: Turn, uav: UavState) -> UavState:
+    """A UAV on the ground as it would be after taking off: at its altitude, with less energy."""
+    assert uav.track is not None  # asked only of UAVs that are seen
+    config, (x, y, z) = turn.settings.uavs[uav.index], uav.track.position_m
+    climb_s = max(0.0, config.altitude_m - z) / config.climb_mps / turn.settings.frame.time_scale
+    energy_j = uav.energy_j - turn.settings.problem.uavs[uav.index].hover_w * climb_s
+    return replace(uav, track=replace(uav.track, position_m=(x, y, config.altitude_m)), energy_j=energy_j)
+
+
+def would_turn_back(turn: Turn, uav: UavState) -> bool:
+    """Whether a UAV on the ground has too little energy to take off for more than a dock beside it."""
+    return energy_after_landing_j(turn, climbed(turn, uav)) < _floor_j(turn, uav)
+
+
+def only_landing_is_left(turn: Turn, uav: UavState) -> bool:
+    """Whether a UAV in the air must come down where it is, now: a little longer and it would fall."""
+    assert uav.track is not None  # asked only of UAVs that are seen
+    descent_s = uav.track.position_m[2] / turn.settings.uavs[uav.index].descent_mps / turn.settings.frame.time_scale
+    return uav.energy_j < LANDING_SPARE * turn.settings.problem.uavs[uav.index].hover_w * descent_s
 
 
 def _pad_reach_m(turn: Turn, uav: UavState) -> float:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from deploy.estimate import charge_duration_s
 from deploy.flightpath import rest_to_rest_s
-from deploy.monitors import energy_after_landing_j
+from deploy.monitors import would_turn_back
 from deploy.settings import Settings
 from deploy.state import UAV_FINAL, PlanState, UavPhase, UavState, UgvPhase
 from deploy.turn import Turn
@@ -83,20 +83,6 @@ def _docked_until_s(turn: Turn, uav: UavState) -> float:
     if settings.uavs[uav.index].energy == "measured" and elapsed_s > 0.1 * full_s and gained_j > 0:
         left_s = elapsed_s * (model.capacity_j - uav.energy_j) / gained_j
     return left_s + ugv.undock_s
-
-
-def would_turn_back(turn: Turn, uav: UavState) -> bool:
-    """Whether a UAV on the ground has too little energy to take off for more than a dock beside it."""
-    assert uav.track is not None  # asked only of UAVs that are seen
-    config, model = turn.settings.uavs[uav.index], turn.settings.problem.uavs[uav.index]
-    x, y, z = uav.track.position_m
-    climb_s = max(0.0, config.altitude_m - z) / config.climb_mps / turn.settings.frame.time_scale
-    above = replace(
-        uav,
-        track=replace(uav.track, position_m=(x, y, config.altitude_m)),
-        energy_j=uav.energy_j - model.hover_w * climb_s,
-    )
-    return energy_after_landing_j(turn, above) < turn.settings.monitors.energy_margin * model.capacity_j
 
 
 def _uav(turn: Turn, uav: UavState, docked_until_s: float | None, tolerance: float) -> Uav:
