@@ -109,7 +109,7 @@ def pieces(path: TimedPath, from_s: float) -> list[_Piece]:
     first, last = path.knots[0], path.knots[-1]
     knots = [(from_s, *first[1:]), *path.knots] if from_s < first[0] else list(path.knots)
     if last[0] < FOREVER_S:
-        knots.append((max(from_s, last[0]) + FOREVER_S, *last[1:]))
+        knots.append((max(from_s, last[0], 0.0) + FOREVER_S, *last[1:]))
     found: list[_Piece] = []
     for (t0, *_), (t1, *p1) in pairwise(knots):
         if t1 <= from_s:

@@ -43,6 +43,21 @@ def paths(draw: st.DrawFn, forever: bool | None = None) -> TimedPath:
     return TimedPath(tuple(knots))
 
 
+@st.composite
+def near_pairs(draw: st.DrawFn) -> tuple[TimedPath, TimedPath]:
+    """Two paths that begin at time 0 inside each other's cylinder."""
+    mine, other = draw(paths()), draw(paths())
+    (_, x, y, z), (_, u, v, w) = mine.knots[0], other.knots[0]
+    dx, dy, dz = (
+        x - u + draw(st.floats(-2.5, 2.5)),
+        y - v + draw(st.floats(-2.5, 2.5)),
+        z - w + draw(st.floats(-4.5, 4.5)),
+    )
+    late = [(t if t >= FOREVER_S else t - mine.knots[0][0], *p) for t, *p in mine.knots]
+    moved = [(t if t >= FOREVER_S else t - other.knots[0][0], a + dx, b + dy, c + dz) for t, a, b, c in other.knots]
+    return TimedPath(tuple(late)), TimedPath(tuple(moved))
+
+
 def nearness(a: Vec3, b: Vec3) -> float:
     """In cylinders: below 1 is too near."""
     return max(math.dist(a[:2], b[:2]) / H, abs(a[2] - b[2]) / V)
@@ -178,13 +193,13 @@ def test_vertical_gap(za: float, zb: float, zc: float, zd: float, gap_m: float) 
 # --- conflicts --------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=300)
+@settings(max_examples=120, deadline=None)
 @given(paths(), paths(), st.floats(0, 6), st.sampled_from([0.0, 1.0, EARLY_LATE_S]))
 def test_no_conflict_is_missed(mine: TimedPath, other: TimedPath, now_s: float, slop_s: float) -> None:
     assume(nearness(mine.at(now_s), other.at(now_s)) >= 1)
     found = conflict(mine, other, now_s, H, V, slop_s)
     end_s = max(k[0] for p in (mine, other) for k in p.knots if k[0] < FOREVER_S) + 2 * slop_s + 1
-    times = [now_s + i * (max(end_s, now_s + 1) - now_s) / 150 for i in range(151)]
+    times = [now_s + i * (max(end_s, now_s + 1) - now_s) / 100 for i in range(101)]
     shifts = [2 * slop_s * k / 3 for k in range(-3, 4)] if slop_s else [0.0]
     near = [
         (t, s)
@@ -199,19 +214,19 @@ def test_no_conflict_is_missed(mine: TimedPath, other: TimedPath, now_s: float, 
         assert found.horizontal_m < H and found.vertical_m < V
 
 
-@settings(max_examples=300)
-@given(paths(), paths(), st.floats(0, 6))
+@settings(max_examples=100, deadline=None)
+@given(near_pairs(), st.floats(0, 1))
 @example(  # side by side, and the way leads straight through the other one
-    straight((0.0, 0.0, 10.0), (50.0, 0.0, 10.0), 0.0, 10.0, 2.0), resting((2.9, 0.0, 10.0), 0.0), 0.0
+    (straight((0.0, 0.0, 10.0), (50.0, 0.0, 10.0), 0.0, 10.0, 2.0), resting((2.9, 0.0, 10.0), 0.0)), 0.0
 )
 @example(  # one above the other, and the lower one climbs through the upper one
-    straight((0.0, 0.0, 10.0), (0.0, 0.0, 40.0), 0.0, 10.0, 2.0), resting((0.0, 0.0, 14.0), 0.0), 0.0
+    (straight((0.0, 0.0, 10.0), (0.0, 0.0, 40.0), 0.0, 10.0, 2.0), resting((0.0, 0.0, 14.0), 0.0)), 0.0
 )
-def test_a_pair_that_starts_too_near_may_only_part(mine: TimedPath, other: TimedPath, now_s: float) -> None:
+def test_a_pair_that_starts_too_near_may_only_part(pair: tuple[TimedPath, TimedPath], now_s: float) -> None:
+    mine, other = pair
     assume(nearness(mine.at(now_s), other.at(now_s)) < 1)
     if conflict(mine, other, now_s, H, V) is None:
-        times = [now_s + 0.05 * i for i in range(1500)]
-        values = [nearness(mine.at(t), other.at(t)) for t in times]
+        values = [nearness(mine.at(now_s + 0.1 * i), other.at(now_s + 0.1 * i)) for i in range(600)]
         left = next(i for i, value in enumerate(values) if value >= 1)  # it does leave,
         assert all(b >= a - 1e-9 for a, b in pairwise(values[: left + 1]))  # only ever away,
         assert min(values[left:]) >= 1 - 1e-6  # and never comes back

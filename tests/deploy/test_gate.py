@@ -460,7 +460,7 @@ def check_separation(of: Settings, paths: dict[str, TimedPath], mine: str, now_s
         assert min(values[out:]) >= 1 - 1e-6, f"{mine} and {other} too near"
 
 
-@hypothesis_settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@hypothesis_settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.data(), worlds())
 def test_no_accepted_command_breaks_a_limit(data: st.DataObject, of: Settings) -> None:
     state, now_s = GateState(), 100.0

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 import world
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from deploy import monitors
@@ -279,6 +279,40 @@ def test_one_that_is_nearer_to_another_site_than_to_its_dock_does_not_try() -> N
     assert not rendezvous((95.0, 0.0, 10.0))
 
 
+def test_energy_on_the_dock() -> None:
+    uav = world.uav(0, (69.0, 0.0, 10.0), energy_j=20_000.0, **FLYING)
+    ugv = world.ugv(0, (100.0, 0.0, 0.0), now_s=100.0, site=0)
+    turn = world.turn(S, now_s=100.0, uavs=[uav], ugvs=[ugv], actions=AT_SITE_0)
+    k = 1
+    assert turn.plan.docks[k] == 0  # a metre behind the UGV's middle: 30 m to fly
+    expected_j = 20_000 - 3 * 200 - (10 + 10 / 1.5) * 230
+    assert monitors.energy_on_dock_j(turn, uav, k) == pytest.approx(expected_j)
+
+
+def test_a_uav_as_it_would_be_after_taking_off() -> None:
+    turn = world.turn(S, now_s=100.0)
+    up = monitors.climbed(turn, world.uav(1, (3.0, 4.0, 2.0), energy_j=20_000.0, now_s=100.0))
+    assert up.track is not None and up.track.position_m == (3.0, 4.0, 16.0)
+    assert up.energy_j == pytest.approx(20_000 - 7 * 230)  # 14 m at 2 m/s
+    above = monitors.climbed(turn, world.uav(1, (3.0, 4.0, 20.0), energy_j=20_000.0, now_s=100.0))
+    assert above.energy_j == 20_000
+
+
+@pytest.mark.parametrize(("over_j", "back"), [(1.0, False), (-1.0, True)])
+def test_taking_off_only_to_turn_back(over_j: float, back: bool) -> None:
+    needed_j = 5 * 230 + NEEDED_J - 5 * 200 + FLOOR_J  # up, brake and down, all at the depot
+    uav = world.uav(0, (0.0, 0.0, 0.0), energy_j=needed_j + over_j, now_s=100.0)
+    assert monitors.would_turn_back(world.turn(S, now_s=100.0), uav) is back
+
+
+@pytest.mark.parametrize(("over_j", "now"), [(1.0, False), (-1.0, True)])
+def test_the_last_moment_to_land(over_j: float, now: bool) -> None:
+    needed_j = monitors.LANDING_SPARE * 230 * 10 / 1.5
+    uav = world.uav(0, AIR, energy_j=needed_j + over_j, **FLYING)
+    assert monitors.LANDING_SPARE > 1
+    assert monitors.only_landing_is_left(world.turn(S, now_s=100.0), uav) is now
+
+
 # --- separation -------------------------------------------------------------------------------------------------------
 
 APART = Separation(horizontal_m=3.0, vertical_m=4.0, buffer_m=1.0, ugv_m=2.0)  # told at 3.5 m and 4.5 m
@@ -369,13 +403,14 @@ def test_those_on_the_ground_or_unseen_are_not_in_the_way() -> None:
 corner = st.tuples(st.floats(-40, 40), st.floats(-40, 40), st.floats(0, 30))
 
 
+@settings(max_examples=60, deadline=None)
 @given(corner, corner, corner, corner)
 def test_separation_against_sampling(a: Vec3, b: Vec3, c: Vec3, d: Vec3) -> None:
     paths = [TimedPath(((100.0, *p), (106.0, *q))) for p, q in ((a, b), (c, d))]
     pair = [replace(flyer(i, path.at(100.0)), path=path) for i, path in enumerate(paths)]
     told = bool(near(*pair))
     start_h, start_v = math.dist(a[:2], c[:2]), abs(a[2] - c[2])
-    samples = [(paths[0].at(100 + t / 50), paths[1].at(100 + t / 50)) for t in range(301)]
+    samples = [(paths[0].at(100 + t / 20), paths[1].at(100 + t / 20)) for t in range(121)]
     nearness = [max(math.dist(p[:2], q[:2]) / 3.5, abs(p[2] - q[2]) / 4.5) for p, q in samples]
     assume(max(start_h / 3.5, start_v / 4.5) > 1)
     if min(nearness) < 1 - 1e-3:
