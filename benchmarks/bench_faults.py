@@ -122,9 +122,8 @@ def main() -> int:
         for row in pool.map(_job, jobs):
             rows.append(row)
             for v in row["violations"]:
-                print(
-                    f"seed {row['seed']}: {v['kind']} of {', '.join(v['vehicles'])} at {v['time_s']:.1f} s ({v['cause']})"
-                )
+                who = ", ".join(v["vehicles"])
+                print(f"seed {row['seed']}: {v['kind']} of {who} at {v['time_s']:.1f} s ({v['cause']})")
             if row["still_flying"]:
                 print(f"seed {row['seed']}: still in the air: {row['still_flying']}")
     unsafe = [r for r in rows if r["violations"] or r["still_flying"]]

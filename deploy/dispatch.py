@@ -296,7 +296,7 @@ def _waiting(turn: Turn, uav: UavState) -> UavState:
         return _hover(turn, uav)
     if not turn.rendezvous_ready(k):
         uav = replace(uav, docked=None)
-        landed = turn.settings.problem.uavs[uav.index].waiting == "landed"
+        landed = turn.plan.landed or turn.settings.problem.uavs[uav.index].waiting == "landed"
         return _go_home(turn, uav) if landed and _long_wait(turn, uav, action.ugv) else uav
     dock = turn.plan.docks[k] or 0
     uav, there = _fly(turn, replace(uav, docked=(action.ugv, dock)), turn.dock_m(action.ugv, dock))

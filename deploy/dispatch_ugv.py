@@ -126,7 +126,8 @@ def _drive(turn: Turn, ugv: UgvState, target: int) -> UgvState:
         route_m = route_to(turn, ugv, target)
     except PlannerError as error:
         turn.want_replan(f"{name}: {error}", urgent=True)
-        return replace(ugv, retry_s=turn.now_s + RETRY_S)
+        target = ugv.target if turn.state.phase is MissionPhase.RUNNING else None
+        return replace(ugv, retry_s=turn.now_s + RETRY_S, target=target)
     path = along(route_m, 0.0, turn.now_s, config.speed_mps) if len(route_m) > 1 else None
     if path is None:
         return _arrive(turn, replace(ugv, target=target))
@@ -153,6 +154,10 @@ def _drive(turn: Turn, ugv: UgvState, target: int) -> UgvState:
 def _wait(turn: Turn, ugv: UgvState, text: str) -> UgvState:
     if EventKind.CONFLICT_HELD not in ugv.active:
         turn.tell(EventKind.CONFLICT_HELD, text, _name(turn, ugv))
+        ugv = replace(ugv, progress_s=turn.now_s if ugv.phase is P.PARKED else ugv.progress_s)
+    elif not ugv.stuck and turn.now_s - ugv.progress_s >= turn.settings.monitors.ugv_stuck_s:
+        turn.want_replan(text, urgent=True)
+        ugv = replace(ugv, stuck=True)
     return replace(ugv, retry_s=turn.now_s + RETRY_S, active=ugv.active | {EventKind.CONFLICT_HELD})
 
 

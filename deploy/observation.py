@@ -38,6 +38,8 @@ class PlanRequest:
         urgent: the current plan is infeasible.
         exclude_uavs, exclude_ugvs: indices of vehicles that can take no part.
         margin: share of capacity to keep above reserve where that is possible.
+        landing_s: per UAV, mission time to land and take off again: where hovering at rendezvous leaves tasks out,
+            waiting on the ground is tried. Empty where everybody waits so anyway.
     """
 
     number: int
@@ -48,13 +50,15 @@ class PlanRequest:
     exclude_uavs: tuple[int, ...] = ()
     exclude_ugvs: tuple[int, ...] = ()
     margin: float = 0.0
+    landing_s: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class PlanReply:
     """Its result: an observation in. Actions refer to the request's problem (same indices as the mission's).
 
-    ``usable`` is true where the plan strands nobody, even if it leaves tasks out (``feasible`` is false then).
+    ``usable`` is true where the plan strands nobody, even if it leaves tasks out (``feasible`` is false then);
+    ``landed`` where it counts on waiting on the ground.
     """
 
     number: int
@@ -64,6 +68,7 @@ class PlanReply:
     planning_s: float
     violation: str | None = None
     usable: bool = True
+    landed: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,11 +9,10 @@ from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from deploy.margin import plan_with_margin
+from deploy.margin import landed_waiting, plan_with_margin, worth
 from deploy.observation import PlanReply, PlanRequest
 from planner.errors import PlannerError
 from planner.problem import Problem
-from planner.schedule import predict
 from planner.solve import Params, Stop, solve
 
 
@@ -68,16 +67,20 @@ def answer(request: PlanRequest, settings: ReplanSettings, stop: Stop) -> PlanRe
         }
         params = Params(settings.method, request.start, options)
         seed = settings.seed + request.number
-        plan = plan_with_margin(request.problem, request.margin, stop, seed, params)
-        found = predict(
-            request.problem, plan.actions, exclude_uavs=request.exclude_uavs, exclude_ugvs=request.exclude_ugvs
-        )
+        problem, landed = request.problem, False
+        plan = plan_with_margin(problem, request.margin, stop, seed, params)
+        if not plan.feasible and request.landing_s:
+            on_ground = landed_waiting(problem, request.landing_s)
+            other = plan_with_margin(on_ground, request.margin, stop, seed, params)
+            if worth(on_ground, other, params) > worth(problem, plan, params):
+                plan, problem, landed = other, on_ground, True
+        usable = worth(problem, plan, params)[0]
     except PlannerError as error:
         took_s = time.perf_counter() - begun_s
         return PlanReply(request.number, False, (), settings.method, took_s, str(error), usable=False)
     took_s = time.perf_counter() - begun_s
     return PlanReply(
-        request.number, plan.feasible, plan.actions, plan.method, took_s, plan.schedule.violation, found.survives
+        request.number, plan.feasible, plan.actions, plan.method, took_s, plan.schedule.violation, usable, landed
     )
 
 

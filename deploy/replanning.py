@@ -9,8 +9,8 @@ from deploy.events import Action, EventKind
 from deploy.failsafe import Situation, action_for
 from deploy.observation import PlanReply, PlanRequest
 from deploy.recovery import call_off
-from deploy.retime import excluded, plan_state, problem_now, remaining
-from deploy.state import UAV_FINAL, Pending, UavPhase, UgvPhase
+from deploy.retime import excluded, landing_s, plan_state, problem_now, remaining
+from deploy.state import AIRBORNE, UAV_FINAL, Pending, UavPhase, UgvPhase
 from deploy.turn import Adopted, Turn
 from planner.plan import Action as PlanAction
 from planner.plan import Recharge, Visit
@@ -18,6 +18,7 @@ from planner.schedule import Prediction, evaluate, predict
 
 DOCKED = frozenset({UavPhase.DOCKING, UavPhase.CHARGING})
 URGENT_RETRY_S = 5.0
+AGAIN = 4.0  # replanning intervals after which tasks given up are tried again
 GIVE_UP = 6  # times the time after which a replan is late: then it is taken for one without a plan
 
 
@@ -38,7 +39,7 @@ def finished(turn: Turn) -> bool:
     """Nothing is left to do: no action, and nobody who might still be planned for."""
     if turn.pending is not None or turn.state.replan_reason is not None:
         return False
-    if remaining(turn):
+    if remaining(turn) or (turn.plan.given_up and not turn.state.tried_again):
         return False
     return all(
         u.phase in UAV_FINAL or u.phase in (UavPhase.ON_PAD, UavPhase.FLYING, UavPhase.LANDING) or u.out
@@ -51,9 +52,11 @@ def _retime(turn: Turn) -> None:
     limits, plan = turn.settings.replanning, turn.plan
     exclude = excluded(turn)
     open_tasks = {m for m, v in enumerate(turn.visited) if not v} - plan.given_up
+    if plan.given_up and turn.pending is None and turn.state.replan_reason is None:
+        _try_again(turn, idle=not rest)
     if not rest and not open_tasks:
         return
-    problem = problem_now(turn, plan.given_up, limits.tolerance)
+    problem = problem_now(turn, plan.given_up, limits.tolerance, landed=plan.landed)
     now = predict(problem, rest, exclude_uavs=exclude[0], exclude_ugvs=exclude[1])
     if not now.feasible:
         violation = evaluate(problem, rest, exclude_uavs=exclude[0], exclude_ugvs=exclude[1]).violation
@@ -75,6 +78,20 @@ def _retime(turn: Turn) -> None:
         turn.tell(EventKind.SCHEDULE_DRIFT, text, None, action)
         if action >= Action.REPLAN:
             turn.want_replan(text, urgent=False)
+
+
+def _try_again(turn: Turn, *, idle: bool) -> None:
+    """Tasks that were given up may have come within reach: asks now and then, and once more when all else is done."""
+    again_s = AGAIN * turn.settings.replanning.interval_s * turn.settings.frame.time_scale
+    if turn.now_s - turn.state.last_request_s >= again_s or (idle and not turn.state.tried_again and _settled(turn)):
+        turn.state = replace(turn.state, tried_again=idle)
+        turn.want_replan("tasks have been given up", urgent=idle)
+
+
+def _settled(turn: Turn) -> bool:
+    """Nobody who could take part is under way."""
+    flying = any(u.phase in AIRBORNE and not u.out for u in turn.uavs)
+    return not flying and not any(g.phase is UgvPhase.DRIVING and not g.stuck and not g.out for g in turn.ugvs)
 
 
 def _interval_over(turn: Turn) -> bool:
@@ -114,6 +131,7 @@ def _request(turn: Turn) -> None:
         uavs,
         ugvs,
         turn.settings.replanning.margin,
+        landing_s(turn.settings) if any(u.waiting == "hover" for u in turn.settings.problem.uavs) else (),
     )
     docked = frozenset(u.index for u in turn.uavs if u.phase in DOCKED)
     turn.pending = Pending(number, turn.now_s, state.replan_urgent, docked, turn.plan.given_up, state.replan_reason)
@@ -131,9 +149,10 @@ def _take(turn: Turn, reply: PlanReply) -> None:
     rest = remaining(turn)
     open_tasks = frozenset(m for m, v in enumerate(turn.visited) if not v)
     given_up = open_tasks - {a.task for a in actions if isinstance(a, Visit)}
-    new = _predict(turn, actions, given_up, exclude)  # time has passed since it was asked for, energy is spent
+    # Time has passed since it was asked for, energy is spent.
+    new = _predict(turn, actions, given_up, exclude, landed=reply.landed)
     old_given_up = open_tasks - {a.task for a in rest if isinstance(a, Visit)}
-    old = _predict(turn, rest, old_given_up, exclude)
+    old = _predict(turn, rest, old_given_up, exclude, landed=turn.plan.landed)
     if not (reply.usable and new.survives):
         text = f"replan {reply.number} found no plan: {reply.violation or 'it does not fit any more'}"
         if old.survives:
@@ -155,11 +174,19 @@ def _take(turn: Turn, reply: PlanReply) -> None:
         turn.tell(EventKind.PLAN_KEPT, text)
         _keep(turn, rest, old_given_up, exclude, old)
         return
-    problem = problem_now(turn, given_up, turn.settings.replanning.tolerance)
+    problem = problem_now(turn, given_up, turn.settings.replanning.tolerance, landed=reply.landed)
     number = turn.plan.number + 1
     turn.plan = plan_state(
-        turn.settings, problem, actions, number=number, at_s=turn.mission_s, exclude=exclude, given_up=given_up
+        turn.settings,
+        problem,
+        actions,
+        number=number,
+        at_s=turn.mission_s,
+        exclude=exclude,
+        given_up=given_up,
+        landed=reply.landed,
     )
+    turn.state = replace(turn.state, tried_again=False)
     turn.adopted = Adopted(problem, actions, exclude, turn.mission_s)
     turn.uavs = [replace(u, action=None) for u in turn.uavs]
     left_out = f", without task {', '.join(map(str, sorted(given_up)))}" if given_up else ""
@@ -181,8 +208,16 @@ def _keep(
     plan = turn.plan
     under_way = sum(u.action is not None for u in turn.uavs)
     if plan.done.count(False) - under_way > len(rest):
-        problem = problem_now(turn, given_up, turn.settings.replanning.tolerance)
-        plan = plan_state(turn.settings, problem, rest, number=plan.number, at_s=turn.mission_s, exclude=exclude)
+        problem = problem_now(turn, given_up, turn.settings.replanning.tolerance, landed=plan.landed)
+        plan = plan_state(
+            turn.settings,
+            problem,
+            rest,
+            number=plan.number,
+            at_s=turn.mission_s,
+            exclude=exclude,
+            landed=plan.landed,
+        )
         plan = replace(plan, planned_s=turn.plan.planned_s)
         turn.uavs = [replace(u, action=None) for u in turn.uavs]
     turn.plan = replace(plan, given_up=given_up, violation=None, baseline_s=turn.mission_s + now.makespan_s)
@@ -193,8 +228,10 @@ def _predict(
     actions: tuple[PlanAction, ...],
     given_up: frozenset[int],
     exclude: tuple[tuple[int, ...], tuple[int, ...]],
+    *,
+    landed: bool,
 ) -> Prediction:
-    problem = problem_now(turn, given_up, turn.settings.replanning.tolerance)
+    problem = problem_now(turn, given_up, turn.settings.replanning.tolerance, landed=landed)
     return predict(problem, actions, exclude_uavs=exclude[0], exclude_ugvs=exclude[1])
 
 

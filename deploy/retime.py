@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from deploy.estimate import charge_duration_s
 from deploy.flightpath import rest_to_rest_s
+from deploy.margin import landed_waiting
 from deploy.monitors import would_turn_back
 from deploy.settings import Settings
 from deploy.state import UAV_FINAL, PlanState, UavPhase, UavState, UgvPhase
@@ -47,24 +50,40 @@ def _involves(action: Action, uavs: Sequence[int], ugvs: Sequence[int]) -> bool:
             return u in uavs or g in ugvs
 
 
-def problem_now(turn: Turn, given_up: frozenset[int] = frozenset(), tolerance: float = 0.0) -> Problem:
+def landing_s(settings: Settings) -> tuple[float, ...]:
+    """Mission time that each UAV needs to land from its layer and take off to it again."""
+    return tuple(
+        (
+            rest_to_rest_s(u.altitude_m, u.descent_mps, u.accel_mps2)
+            + rest_to_rest_s(u.altitude_m, u.climb_mps, u.accel_mps2)
+        )
+        / settings.frame.time_scale
+        for u in settings.uavs
+    )
+
+
+def problem_now(
+    turn: Turn, given_up: frozenset[int] = frozenset(), tolerance: float = 0.0, *, landed: bool = False
+) -> Problem:
     """The problem that is left, its time 0 being now (design section 4: replans start from the observed state).
 
     Args:
         turn: the working copy, estimates updated.
         given_up: tasks to treat as visited.
         tolerance: share of capacity by which reserves are lowered, to judge the plan in force.
+        landed: UAVs wait on the ground.
     """
     base = turn.settings.problem
     ready = {
         u.index: _docked_until_s(turn, u) for u in turn.uavs if u.docked is not None and u.phase is not UavPhase.WAITING
     }
-    return replace(
+    problem = replace(
         base,
         uavs=tuple(_uav(turn, u, ready.get(u.index), tolerance) for u in turn.uavs),
         ugvs=tuple(_ugv(turn, g.index, ready) for g in turn.ugvs),
-        visited=[v or m in given_up for m, v in enumerate(turn.visited)],
+        visited=np.array([v or m in given_up for m, v in enumerate(turn.visited)]),
     )
+    return landed_waiting(problem, landing_s(turn.settings)) if landed else problem
 
 
 def _docked_until_s(turn: Turn, uav: UavState) -> float:
@@ -141,6 +160,7 @@ def plan_state(
     at_s: float,
     exclude: tuple[Sequence[int], Sequence[int]] = ((), ()),
     given_up: frozenset[int] = frozenset(),
+    landed: bool = False,
 ) -> PlanState:
     """The plan in force from its actions.
 
@@ -152,6 +172,7 @@ def plan_state(
         at_s: mission time.
         exclude: indices of UAVs and UGVs that take no part.
         given_up: tasks that the plan leaves out.
+        landed: it counts on waiting on the ground.
     """
     schedule = evaluate(problem, actions, exclude_uavs=exclude[0], exclude_ugvs=exclude[1])
     at: dict[int, int | None] = {}
@@ -175,4 +196,5 @@ def plan_state(
         predicted_s=at_s + schedule.makespan_s,
         violation=None if schedule.feasible or given_up else schedule.violation,
         given_up=given_up,
+        landed=landed,
     )

@@ -197,6 +197,7 @@ class PlanState:
         predicted_s: makespan at the last review, None where the rest of the plan is infeasible.
         violation: why it is, else None.
         given_up: tasks left out because nobody can visit them any more.
+        landed: it counts on UAVs waiting on the ground, whatever the mission says.
     """
 
     number: int
@@ -210,6 +211,7 @@ class PlanState:
     predicted_s: float | None
     violation: str | None = None
     given_up: frozenset[int] = frozenset()
+    landed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,7 +257,7 @@ class State:
     review_s: float = -1e9
     recovering_since_s: float = 0.0
     aborting: bool = False
-    late_turns: int = 0
+    tried_again: bool = False
     recharges: int = 0
     active: frozenset[EventKind] = frozenset()
 

@@ -325,7 +325,7 @@ def _mission(turn: Turn) -> None:
 
 
 def _arming_failed(turn: Turn) -> list[str]:
-    units = (*turn.uavs, *turn.ugvs)
+    units: list[UavState | UgvState] = [*turn.uavs, *turn.ugvs]
     return [c.id for c, v in zip(turn.settings.vehicles, units, strict=True) if EventKind.COMMAND_FAILED in v.active]
 
 

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from deploy.events import Action, Event, EventKind
 from deploy.failsafe import severity_of
-from deploy.flightpath import TimedPath, conflict
+from deploy.flightpath import TimedPath, conflict, resting
 from deploy.observation import Observation, PlanRequest
 from deploy.settings import Settings
 from deploy.state import AIRBORNE, Order, Pending, PlanState, State, UavState, UgvState
@@ -203,11 +203,12 @@ class Turn:
         return None
 
     def ugv_in_the_way(self, ugv: int, path: TimedPath) -> str | None:
-        """The driving UGV whose committed path conflicts with ``path``, or None."""
+        """The UGV under way, or stopped between sites, whose committed path or place conflicts with ``path``, or None."""
         for other in self.ugvs:
-            if other.index == ugv or other.path is None:
+            if other.index == ugv or other.track is None or other.site is not None:
                 continue
-            if conflict(path, other.path, self.now_s, self.settings.separation.ugv_m, math.inf):
+            theirs = other.path if other.path is not None else resting(other.track.position_m, self.now_s)
+            if conflict(path, theirs, self.now_s, self.settings.separation.ugv_m, math.inf):
                 return self.settings.ugvs[other.index].id
         return None
 

@@ -152,10 +152,7 @@ class Plan:
 
 
 def _finite(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        k: None if isinstance(v, float) and not (v - v == 0) else v  # noqa: PLR0124  (inf and nan are not JSON)
-        for k, v in values.items()
-    }
+    return {k: None if isinstance(v, float) and v - v != 0 else v for k, v in values.items()}
 
 
 def actions_to_json(actions: Sequence[Action]) -> list[dict[str, Any]]:

@@ -52,7 +52,9 @@ def _check_numbers(owner: str, obj: object, at_least_zero: Sequence[str], above_
             f"{owner}: {name} is {value!r}; give a finite number",
         )
         limit_ok = value > 0 if name in above_zero else value >= 0
-        _require(limit_ok, f"{owner}: {name} is {value}; give a number {'above' if name in above_zero else 'of at least'} 0")
+        _require(
+            limit_ok, f"{owner}: {name} is {value}; give a number {'above' if name in above_zero else 'of at least'} 0"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,30 +190,55 @@ class Problem:
             raise PlannerError(f"tasks, path_points, road_distance_m or visited has a wrong shape: {error}") from error
         if visited.size == 0:
             visited = np.zeros(len(tasks), dtype=np.bool_)
-        for name, array in (("tasks", tasks), ("path_points", points), ("road_distance_m", roads), ("visited", visited)):
+        for name, array in (
+            ("tasks", tasks),
+            ("path_points", points),
+            ("road_distance_m", roads),
+            ("visited", visited),
+        ):
             array.setflags(write=False)
             set_(self, name, array)
         set_(self, "uavs", tuple(self.uavs))
         set_(self, "ugvs", tuple(self.ugvs))
         n = len(points) + 1
-        _require(bool(np.isfinite(self.depot).all()) and len(self.depot) == 2, f"depot is {self.depot}; give two finite numbers")
+        _require(
+            bool(np.isfinite(self.depot).all()) and len(self.depot) == 2,
+            f"depot is {self.depot}; give two finite numbers",
+        )
         _require(bool(np.isfinite(tasks).all()), "tasks: every coordinate must be finite")
         _require(bool(np.isfinite(points).all()), "path_points: every coordinate must be finite")
-        _require(roads.shape == (n, n), f"road_distance_m has shape {roads.shape}; give ({n}, {n}): path points, then depot")
-        _require(not bool(np.isnan(roads).any()), "road_distance_m: not-a-number is not a distance; use inf where no road leads")
+        _require(
+            roads.shape == (n, n), f"road_distance_m has shape {roads.shape}; give ({n}, {n}): path points, then depot"
+        )
+        _require(
+            not bool(np.isnan(roads).any()),
+            "road_distance_m: not-a-number is not a distance; use inf where no road leads",
+        )
         _require(bool((roads >= 0).all()), "road_distance_m: a distance is negative")
-        _require(np.array_equal(roads, roads.T) or bool(np.allclose(roads, roads.T)), "road_distance_m is not symmetric")
+        _require(
+            np.array_equal(roads, roads.T) or bool(np.allclose(roads, roads.T)), "road_distance_m is not symmetric"
+        )
         _require(bool((np.diag(roads) == 0).all()), "road_distance_m: the diagonal must be 0")
         _require(visited.shape == (len(tasks),), f"visited has {visited.size} entries for {len(tasks)} tasks")
         _require(len(self.uavs) > 0, "uavs is empty; a mission needs at least one UAV")
         ids = [u.id for u in self.uavs] + [g.id for g in self.ugvs]
-        _require(len(set(ids)) == len(ids), f"vehicle ids are not unique: {sorted(i for i in set(ids) if ids.count(i) > 1)}")
+        _require(
+            len(set(ids)) == len(ids), f"vehicle ids are not unique: {sorted(i for i in set(ids) if ids.count(i) > 1)}"
+        )
         for g in self.ugvs:
             if g.distance_to_m is not None:
-                _require(len(g.distance_to_m) == n, f"ugv {g.id!r}: distance_to_m needs {n} values: path points, then depot")
-                _require(all(d >= 0 for d in g.distance_to_m), f"ugv {g.id!r}: distance_to_m has a negative value or not-a-number")
+                _require(
+                    len(g.distance_to_m) == n, f"ugv {g.id!r}: distance_to_m needs {n} values: path points, then depot"
+                )
+                _require(
+                    all(d >= 0 for d in g.distance_to_m),
+                    f"ugv {g.id!r}: distance_to_m has a negative value or not-a-number",
+                )
             elif g.path_point is not None:
-                _require(0 <= g.path_point < n - 1, f"ugv {g.id!r}: path_point {g.path_point} does not exist; there are {n - 1}")
+                _require(
+                    0 <= g.path_point < n - 1,
+                    f"ugv {g.id!r}: path_point {g.path_point} does not exist; there are {n - 1}",
+                )
 
     @property
     def n_tasks(self) -> int:
