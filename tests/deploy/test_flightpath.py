@@ -272,8 +272,8 @@ def test_what_the_conflict_says() -> None:
 def test_slop_is_how_unpunctual_both_may_be(apart_s: float, slop_s: float, free: bool) -> None:
     first = along(((-20.0, 0.0), (20.0, 0.0)), 10.0, 0.0, 10.0)
     second = along(((0.0, -20.0), (0.0, 20.0)), 10.0, apart_s, 10.0)
-    found = conflict(first, TimedPath(second.knots), 0.0, 3.0, V, slop_s)
-    assert (found is None) == free
+    assert (conflict(first, second, 0.0, 3.0, V, slop_s) is None) == free
+    assert (conflict(second, first, 0.0, 3.0, V, slop_s) is None) == free
 
 
 def test_one_behind_the_other_is_let_go_when_the_first_is_gone() -> None:

@@ -252,6 +252,22 @@ def test_the_second_of_two_crossing_flights_is_refused() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("y", "z", "passes"),
+    [
+        (2.99, 10.0, False),
+        (3.01, 10.0, True),
+        (0.0, 13.99, False),
+        (0.0, 14.01, True),
+        (2.99, 6.01, False),
+        (2.99, 5.99, True),
+    ],
+)
+def test_how_near_a_flight_may_pass(y: float, z: float, passes: bool) -> None:
+    reason = why(GoTo("uav0", (90.0, 0.0, 10.0), 10.0), at={"uav1": (50.0, y, z)})
+    assert (reason == "") == passes
+
+
 def test_an_accepted_command_counts_in_later_turns() -> None:
     east = GoTo("uav0", (80.0, 0.0, 10.0), 10.0)
     at = {"uav1": (40.0, -40.0, 10.0)}
