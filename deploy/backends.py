@@ -131,12 +131,13 @@ def faults_of(mission: Mission, horizon_s: float) -> tuple[Fault, ...]:
 def world_of(mission: Mission, seed: int) -> WorldConfig:
     """The simulated world of a mission: its fleet at the depot, its limits for the audit, noise that fits its size."""
     s = mission.settings
+    uavs, ugvs = mission.problem.uavs, mission.problem.ugvs
     # Vehicles are as large as the distance they must keep from each other says: 3 m for a field, 0.3 m for a lab.
     size_m = s.separation.horizontal_m
-    depot = s.frame.to_arena(mission.problem.depot)
+    depot = mission.problem.depot_index
     return WorldConfig(
-        uavs=tuple(_uav(u, p, depot, size_m) for u, p in zip(s.uavs, mission.problem.uavs, strict=True)),
-        ugvs=tuple(_ugv(g, p, depot, size_m) for g, p in zip(s.ugvs, mission.problem.ugvs, strict=True)),
+        uavs=tuple(_uav(u, p, s.pad_m(i, depot), size_m) for i, (u, p) in enumerate(zip(s.uavs, uavs, strict=True))),
+        ugvs=tuple(_ugv(g, p, s.park_m(i, depot), size_m) for i, (g, p) in enumerate(zip(s.ugvs, ugvs, strict=True))),
         scale=s.frame.scale,
         time_scale=s.frame.time_scale,
         seed=seed,
@@ -147,6 +148,8 @@ def world_of(mission: Mission, seed: int) -> WorldConfig:
         command_drop=0.01,
         gust_mps=0.02 * max(u.speed_mps for u in s.uavs),
         dock_tolerance_m=min(0.3, 0.1 * size_m),
+        dock_range_m=min(5.0, 1.7 * size_m),
+        estimate_mps=min(2.0, size_m),
         collision_m=min(0.5, size_m / 3),
         separation_h_m=s.separation.horizontal_m,
         separation_v_m=s.separation.vertical_m,
@@ -156,12 +159,12 @@ def world_of(mission: Mission, seed: int) -> WorldConfig:
     )
 
 
-def _uav(u: UavSettings, p: Uav, depot_m: Vec2, size_m: float) -> SimUav:
+def _uav(u: UavSettings, p: Uav, start_m: Vec2, size_m: float) -> SimUav:
     paper = (p.hover_w, p.cruise_w) == (uav_power_w(0.0), uav_power_w(p.speed_mps))
     return SimUav(
         id=u.id,
         body=u.body,
-        start_m=(depot_m[0] + u.pad_offset_m[0], depot_m[1] + u.pad_offset_m[1]),
+        start_m=start_m,
         max_speed_mps=u.max_speed_mps,
         accel_mps2=u.accel_mps2,
         climb_mps=u.climb_mps,
@@ -176,11 +179,11 @@ def _uav(u: UavSettings, p: Uav, depot_m: Vec2, size_m: float) -> SimUav:
     )
 
 
-def _ugv(g: UgvSettings, p: Ugv, depot_m: Vec2, size_m: float) -> SimUgv:
+def _ugv(g: UgvSettings, p: Ugv, start_m: Vec2, size_m: float) -> SimUgv:
     return SimUgv(
         id=g.id,
         body=g.body,
-        start_m=(depot_m[0] + g.park_offset_m[0], depot_m[1] + g.park_offset_m[1]),
+        start_m=start_m,
         max_speed_mps=g.max_speed_mps,
         accel_mps2=g.accel_mps2,
         tracking_noise_m=min(0.05, 0.01 * size_m),

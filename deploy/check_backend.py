@@ -187,17 +187,15 @@ def _poses(settings: Settings, probe: BackendProbe) -> CheckRow:
 def starts(settings: Settings) -> dict[str, Vec2]:
     """Where the plan expects each vehicle before the start, arena m."""
     found: dict[str, Vec2] = {}
-    for u, uav in zip(settings.problem.uavs, settings.uavs, strict=True):
-        x, y = settings.frame.to_arena(u.position)
-        found[u.id] = (x + uav.pad_offset_m[0], y + uav.pad_offset_m[1])
-    for g, ugv in zip(settings.problem.ugvs, settings.ugvs, strict=True):
+    depot = settings.problem.depot_index
+    for i, u in enumerate(settings.problem.uavs):
+        found[u.id] = settings.pad_m(i, depot)
+    for j, g in enumerate(settings.problem.ugvs):
         if g.distance_to_m is not None:
             if g.position is not None:
                 found[g.id] = settings.frame.to_arena(g.position)
             continue
-        x, y = settings.problem.sites[settings.problem.depot_index if g.path_point is None else g.path_point]
-        cx, cy = settings.frame.to_arena((float(x), float(y)))
-        found[g.id] = (cx + ugv.park_offset_m[0], cy + ugv.park_offset_m[1])
+        found[g.id] = settings.park_m(j, depot if g.path_point is None else g.path_point)
     return found
 
 

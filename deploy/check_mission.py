@@ -71,10 +71,8 @@ def _tasks(settings: Settings) -> CheckRow:
 
 def places(settings: Settings, site: int) -> list[tuple[str, Vec2]]:
     """Who stops where at a site: vehicle ids and arena positions, UAV pads first."""
-    x, y = settings.problem.sites[site]
-    cx, cy = settings.frame.to_arena((float(x), float(y)))
-    pads = [(u.id, (cx + u.pad_offset_m[0], cy + u.pad_offset_m[1])) for u in settings.uavs]
-    return pads + [(g.id, (cx + g.park_offset_m[0], cy + g.park_offset_m[1])) for g in settings.ugvs]
+    pads = [(u.id, settings.pad_m(i, site)) for i, u in enumerate(settings.uavs)]
+    return pads + [(g.id, settings.park_m(j, site)) for j, g in enumerate(settings.ugvs)]
 
 
 def _places_inside(settings: Settings) -> CheckRow:

@@ -74,9 +74,8 @@ class _Prediction:
         self.ugv_legs: list[list[Leg]] = [[] for _ in problem.ugvs]
         self.uav_t = [0.0] * len(problem.uavs)
         self.uav_at: list[Vec3] = []
-        for u, config in zip(problem.uavs, settings.uavs, strict=True):
-            x, y = settings.frame.to_arena(u.position)
-            self.uav_at.append((x + config.pad_offset_m[0], y + config.pad_offset_m[1], 0.0))
+        for i in range(len(problem.uavs)):
+            self.uav_at.append((*settings.pad_m(i, problem.depot_index), 0.0))
         self.site = [problem.depot_index if g.path_point is None else g.path_point for g in problem.ugvs]
         self.ugv_t = [g.ready_s * self.scale for g in problem.ugvs]
         self.ugv_at: list[Vec2] = []
@@ -123,18 +122,14 @@ class _Prediction:
 
     def place(self, ugv: int, site: int) -> Vec2:
         """The UGV's own stopping place at a site."""
-        x, y = self._site_m(site)
-        dx, dy = self.settings.ugvs[ugv].park_offset_m
-        return (x + dx, y + dy)
+        return self.settings.park_m(ugv, site)
 
     def _site_m(self, site: int) -> Vec2:
         x, y = self.settings.problem.sites[site]
         return self.settings.frame.to_arena((float(x), float(y)))
 
     def _pad_m(self, uav: int, site: int) -> Vec2:
-        x, y = self._site_m(site)
-        dx, dy = self.settings.uavs[uav].pad_offset_m
-        return (x + dx, y + dy)
+        return self.settings.pad_m(uav, site)
 
     # --- UAVs -------------------------------------------------------------------------------------------------------
 

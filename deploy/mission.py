@@ -20,7 +20,16 @@ from deploy.mission_errors import validate
 from deploy.mission_fleet import Fleet, fleet_of
 from deploy.mission_model import Checks, Energy, FleetSection, MissionConfig, Planner, RandomFaults
 from deploy.mission_schema import schema
-from deploy.mission_settings import altitudes_of, frame_of, geofence_of, region_of, slots_of, uavs_of, ugvs_of
+from deploy.mission_settings import (
+    altitudes_of,
+    frame_of,
+    geofence_of,
+    lane_clearance_m,
+    region_of,
+    slots_of,
+    uavs_of,
+    ugvs_of,
+)
 from deploy.mission_sites import SiteMaker
 from deploy.settings import Settings
 from deploy.yaml_file import Document, KeyPath, read_yaml
@@ -106,7 +115,17 @@ class Mission:
     def digest(self) -> str:
         """SHA-256 of all that decides how the mission runs; a copy has the same."""
         s = self.settings
-        core = (s.frame, s.geofence, s.separation, s.monitors, s.replanning, s.uavs, s.ugvs, sorted(s.failsafe.items()))
+        core = (
+            s.frame,
+            s.geofence,
+            s.separation,
+            s.monitors,
+            s.replanning,
+            s.uavs,
+            s.ugvs,
+            sorted(s.failsafe.items()),
+            s.beside,
+        )
         rest = (self.seed, self.planner, self.checks, self.faults, self.random_faults, self.fleet)
         return hashlib.sha256(repr((self.problem.digest, core, rest)).encode()).hexdigest()
 
@@ -138,12 +157,13 @@ def load(path: Path | str, overrides: Mapping[str, Any] | None = None) -> Missio
     def region(margin_m: float) -> Region:
         return region_of(geofence, map_.geometry, frame, margin_m)
 
-    sites = SiteMaker(config, document, map_, frame, slots, region).make()
+    lanes = map_.geometry.image is None
+    clear_m = lane_clearance_m(config, fleet) if lanes else 0.0
+    sites = SiteMaker(config, document, map_, frame, slots, region, clear_m).make()
     ways = sites.ways
     depot = (float(ways.sites[-1, 0]), float(ways.sites[-1, 1]))
     try:
         uavs, uav_settings = uavs_of(config, fleet, frame, depot, altitudes, sites.slots)
-        lanes = map_.geometry.image is None
         ugvs, ugv_settings = ugvs_of(config, fleet, frame, uav_settings, sites.slots, lanes)
         problem = Problem(depot, sites.tasks, ways.sites[:-1], np.array(ways.distance_m), uavs, ugvs)
     except PlannerError as error:
@@ -163,6 +183,7 @@ def load(path: Path | str, overrides: Mapping[str, Any] | None = None) -> Missio
         problem=problem,
         roads=ways,
         failsafe=dict(config.failsafe),
+        beside=sites.beside,
     )
     seed = config.planner.seed if config.planner.seed is not None else config.seed
     return Mission(

@@ -185,9 +185,7 @@ def ugvs_of(
         # Braking from cruise costs v/a against the planner's constant speed; so do start and end of the descent.
         down = max(u.speed_mps / u.accel_mps2 + h / u.descent_mps + u.descent_mps / u.accel_mps2 for u, h in heights)
         up = max(h / u.climb_mps + u.climb_mps / u.accel_mps2 for u, h in heights)
-        lane = v.lane_offset_m
-        if lane is None:
-            lane = 0.6 * config.separation.ugv_m if lanes else 0.0
+        lane = lane_offset_m(config, v, lanes=lanes)
         charge_s = v.charge_s if v.charge_s is not None or v.charge_w is not None else 300.0
         planned.append(
             Ugv(
@@ -220,6 +218,19 @@ def ugvs_of(
             )
         )
     return tuple(planned), tuple(driven)
+
+
+def lane_offset_m(config: MissionConfig, v: UgvConfig, *, lanes: bool) -> float:
+    """How far right of a road's middle the UGV drives, so that two can pass each other."""
+    if v.lane_offset_m is not None:
+        return v.lane_offset_m
+    return 0.6 * config.separation.ugv_m if lanes else 0.0
+
+
+def lane_clearance_m(config: MissionConfig, fleet: Fleet) -> float:
+    """How far from a road's middle somebody must stand to be passed in the nearer lane."""
+    lanes = [lane_offset_m(config, v, lanes=True) for v in fleet.ugvs.values()]
+    return max(lanes, default=0.0) + 1.1 * config.separation.ugv_m
 
 
 def _speeds(name: str, v: UavConfig | UgvConfig, frame: Frame, fleet: Fleet) -> tuple[float, float]:

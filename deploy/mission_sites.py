@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
@@ -15,6 +16,7 @@ from deploy.maps import Array, LoadedMap, Region, Source, Ways
 from deploy.mission_model import MissionConfig
 from deploy.mission_points import draw_tasks, place_path_points, read_points, resolve
 from deploy.mission_slots import Slots, best_turn
+from deploy.settings import beside
 from deploy.yaml_file import Document, KeyPath
 
 
@@ -27,6 +29,7 @@ class Sites:
         tasks: (n_tasks, 2) in world m.
         task_names: as the file names them, else their numbers.
         slots: turned to fit the roads at the sites.
+        beside: as in ``Settings``: on a road network the places at a site lie beside the road.
         sources: files read.
     """
 
@@ -34,15 +37,24 @@ class Sites:
     tasks: Array
     task_names: tuple[str, ...]
     slots: Slots
+    beside: tuple[tuple[float, float], ...]
     sources: tuple[Source, ...]
 
+
+ASIDE_STEPS = 10
+ASIDE_TURNS = 32
 
 RegionOf = Callable[[float], Region]
 
 
 @dataclass(frozen=True, eq=False)
 class SiteMaker:
-    """What is needed to find the sites; ``region(margin)`` is where things with that margin (arena m) may be."""
+    """What is needed to find the sites.
+
+    Attributes:
+        region: where things with a margin (arena m) may be.
+        clear_m: how far from the middle of any road places must lie so that the lanes stay free, arena m.
+    """
 
     config: MissionConfig
     document: Document
@@ -50,6 +62,7 @@ class SiteMaker:
     frame: Frame
     slots: Slots
     region: RegionOf
+    clear_m: float = 0.0
 
     def make(self) -> Sites:
         """All sites.
@@ -70,12 +83,14 @@ class SiteMaker:
                     f"path point {i} at {_at(given)} cannot be reached by road from the depot; move it, or join roads"
                 )
                 raise self.document.error(what, point_keys(i))
-        slots = best_turn(self.slots, lambda offset: self._off_road_m(ways, offset))
+        network = self.map_.geometry.image is None
+        slots = self.slots if network else best_turn(self.slots, lambda offset: self._off_road_m(ways, offset))
+        aside = tuple(self._aside(ways, site, slots) for site in ways.sites) if network else ()
         self._check_parks(ways, slots, point_keys)
-        self._check_spacing(ways.sites, slots, point_keys)
+        self._check_spacing(ways.sites, slots, aside, point_keys)
         tasks, names, task_source, task_keys = self._tasks(ways.sites, metric)
         self._check_tasks(tasks, names, ways.sites, task_keys)
-        return Sites(ways, tasks, names, slots, tuple(s for s in (point_source, task_source) if s is not None))
+        return Sites(ways, tasks, names, slots, aside, tuple(s for s in (point_source, task_source) if s is not None))
 
     def _file(self, name: str) -> Path:
         return self.document.path.parent / name
@@ -144,6 +159,24 @@ class SiteMaker:
         """Worst distance from the road (arena m) of the place with this offset, over all sites."""
         return max(ways.offset_m(self._place(site, offset)) for site in ways.sites) * self.frame.scale
 
+    def _aside(self, ways: Ways, site: Array, slots: Slots) -> tuple[float, float]:
+        """How far and into which direction the places at a site must be moved to leave every lane free."""
+        clear_m = self.clear_m
+        best = (0.0, 0.0, 0.0)
+        for step in range(ASIDE_STEPS + 1):
+            away_m = step * clear_m / 2
+            for turn in range(ASIDE_TURNS):
+                direction = 2 * math.pi * turn / ASIDE_TURNS
+                free_m = min(
+                    ways.offset_m(self._place(site, beside(place, away_m, direction))) * self.frame.scale
+                    for place in (*slots.parks, *slots.pads)
+                )
+                if free_m > best[0] + 1e-6:
+                    best = (free_m, away_m, direction)
+            if best[0] >= clear_m:
+                break
+        return best[1], best[2]
+
     def _place(self, site: Array, offset: Vec2) -> Vec2:
         x, y = self.frame.to_arena((float(site[0]), float(site[1])))
         return self.frame.to_world((x + offset[0], y + offset[1]))
@@ -164,15 +197,22 @@ class SiteMaker:
                 )
                 raise self.document.error(text, ("depot",) if at_depot else keys(i))
 
-    def _check_spacing(self, sites: Array, slots: Slots, keys: Callable[[int], KeyPath]) -> None:
+    def _check_spacing(
+        self, sites: Array, slots: Slots, aside: tuple[tuple[float, float], ...], keys: Callable[[int], KeyPath]
+    ) -> None:
         """Vehicles in their places at different sites must be apart as at one site."""
         separation = self.config.separation
         scale = self.frame.scale
         least = separation.horizontal_m + separation.buffer_m
-        reach = (2 * self.slots.reach_m + max(least, separation.ugv_m)) / scale
+        pushed_m = max((away_m for away_m, _ in aside), default=0.0)
+        reach = (2 * (self.slots.reach_m + pushed_m) + max(least, separation.ugv_m)) / scale
         apart = np.hypot(*(sites[:, None] - sites[None]).transpose(2, 0, 1))
-        standing = [(i, np.array(p), "uav") for i, p in enumerate(slots.pads)]
-        standing += [(len(slots.pads) + i, np.array(p), "ugv") for i, p in enumerate(slots.parks)]
+        standing = [(i, p, "uav") for i, p in enumerate(slots.pads)]
+        standing += [(len(slots.pads) + i, p, "ugv") for i, p in enumerate(slots.parks)]
+
+        def at(site: int, offset: Vec2) -> Vec2:
+            return beside(offset, *aside[site]) if aside else offset
+
         for i, j in zip(*np.nonzero(np.triu(apart < reach, 1)), strict=True):
             a, b = (np.array(self.frame.to_arena((float(x), float(y)))) for x, y in (sites[i], sites[j]))
             if apart[i, j] < 1e-3:
@@ -181,7 +221,9 @@ class SiteMaker:
                 raise self.document.error(text, keys(int(i)))
             for (n, p, p_kind), (m, q, q_kind) in product(standing, repeat=2):
                 limit = separation.ugv_m if p_kind == q_kind == "ugv" else least
-                if n != m and float(np.hypot(*(b + q - a - p))) < limit - 1e-9:
+                apart_m = float(np.hypot(*(b + np.array(at(int(j), q)) - a - np.array(at(int(i), p)))))
+                # Sites themselves must be apart, too: UGVs pass one on their way to the other.
+                if n != m and min(apart_m, apart[i, j] * scale) < limit - 1e-9:
                     other = "the depot" if j == len(sites) - 1 else f"path point {j}"
                     text = (
                         f"path point {i} at {_at(sites[i])} is {apart[i, j]:.4g} m (world) from {other}, so vehicles "

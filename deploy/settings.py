@@ -5,6 +5,7 @@ The classes with defaults are, key by key, sections of ``mission.yaml``; their d
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
@@ -172,6 +173,19 @@ class UgvSettings:
     energy: Literal["virtual", "measured"]
 
 
+def beside(offset_m: Vec2, away_m: float, direction_rad: float) -> Vec2:
+    """An offset from a site after its places have been pushed ``away_m`` off and turned.
+
+    Args:
+        offset_m: where the place would be at the site itself; x runs along the row of places.
+        away_m: how far all places are pushed off the road.
+        direction_rad: into which direction, counter-clockwise from x.
+    """
+    x, y = offset_m[0], offset_m[1] + away_m
+    c, s = math.cos(direction_rad - math.pi / 2), math.sin(direction_rad - math.pi / 2)
+    return (c * x - s * y, s * x + c * y)
+
+
 @dataclass(frozen=True)
 class Settings:
     """All of it.
@@ -179,6 +193,7 @@ class Settings:
     Attributes:
         problem: the mission's problem at the start, world frame; vehicle order is the order of ``uavs`` and ``ugvs``.
         roads: world frame.
+        beside: per site, how far (m) and in which direction (rad) its places lie beside the road; empty: at the site.
         failsafe: overrides of the failsafe table, "event" or "event/phase" -> action.
     """
 
@@ -192,6 +207,25 @@ class Settings:
     problem: Problem
     roads: Roads
     failsafe: dict[str, str] = field(default_factory=dict)
+    beside: tuple[tuple[float, float], ...] = ()
+
+    def site_m(self, site: int) -> Vec2:
+        """A site in the arena."""
+        x, y = self.problem.sites[site]
+        return self.frame.to_arena((float(x), float(y)))
+
+    def pad_m(self, uav: int, site: int) -> Vec2:
+        """A UAV's own landing place at a site; it waits above it too."""
+        return self._place_m(self.uavs[uav].pad_offset_m, site)
+
+    def park_m(self, ugv: int, site: int) -> Vec2:
+        """A UGV's own stopping place at a site."""
+        return self._place_m(self.ugvs[ugv].park_offset_m, site)
+
+    def _place_m(self, offset_m: Vec2, site: int) -> Vec2:
+        x, y = self.site_m(site)
+        dx, dy = beside(offset_m, *self.beside[site]) if self.beside else offset_m
+        return (x + dx, y + dy)
 
     @property
     def vehicles(self) -> tuple[UavSettings | UgvSettings, ...]:

@@ -96,20 +96,15 @@ class Turn:
 
     def site_m(self, site: int) -> Vec2:
         """A site in the arena."""
-        x, y = self.settings.problem.sites[site]
-        return self.settings.frame.to_arena((float(x), float(y)))
+        return self.settings.site_m(site)
 
     def pad_m(self, uav: int, site: int) -> Vec2:
         """The UAV's own landing place at a site; it waits above it too."""
-        x, y = self.site_m(site)
-        dx, dy = self.settings.uavs[uav].pad_offset_m
-        return (x + dx, y + dy)
+        return self.settings.pad_m(uav, site)
 
     def park_m(self, ugv: int, site: int) -> Vec2:
         """The UGV's own stopping place at a site."""
-        x, y = self.site_m(site)
-        dx, dy = self.settings.ugvs[ugv].park_offset_m
-        return (x + dx, y + dy)
+        return self.settings.park_m(ugv, site)
 
     def dock_m(self, ugv: int, dock: int) -> Vec2:
         """Where a dock of a UGV is now, by its trusted pose."""
