@@ -43,6 +43,10 @@ class TimedPath:
                 return t1
         return self.knots[0][0]
 
+    def until(self, time_s: float) -> TimedPath:
+        """The path up to ``time_s``, which must lie after its first knot; it ends there."""
+        return TimedPath((*(k for k in self.knots if k[0] < time_s), (time_s, *self.at(time_s))))
+
     def at(self, time_s: float) -> Vec3:
         """Position at ``time_s``."""
         previous = self.knots[0]

@@ -35,6 +35,7 @@ from planner.plan import Move, Recharge, Visit
 from planner.problem import Problem
 
 Unit = TypeVar("Unit", UavState, UgvState)
+PASSING_S = 4.0  # a drive that passes a parked UGV within this time has to wait for it
 RESTING = 0.2  # of cruise speed: slower counts as standing still
 
 
@@ -198,12 +199,20 @@ class Turn:
         return None
 
     def ugv_in_the_way(self, ugv: int, path: TimedPath) -> str | None:
-        """The UGV under way, or stopped between sites, whose committed path or place conflicts with ``path``, or None."""
+        """The UGV that the drive ``path`` would come too near to, or None.
+
+        Those under way are judged by their whole paths, those stopped between sites by their place. One parked at a
+        site counts only where the drive passes it at once: it may have left when a longer drive comes there, and the
+        monitors stop the drive if it has not.
+        """
+        config, least_m = self.settings.ugvs[ugv], self.settings.separation.ugv_m
+        soon_s = self.now_s + PASSING_S + 2 * config.speed_mps / config.accel_mps2
         for other in self.ugvs:
-            if other.index == ugv or other.track is None or other.site is not None:
+            if other.index == ugv or other.track is None:
                 continue
             theirs = other.path if other.path is not None else resting(other.track.position_m, self.now_s)
-            if conflict(path, theirs, self.now_s, self.settings.separation.ugv_m, math.inf):
+            mine = path.until(soon_s) if other.site is not None and other.path is None else path
+            if conflict(mine, theirs, self.now_s, least_m, math.inf):
                 return self.settings.ugvs[other.index].id
         return None
 
