@@ -12,7 +12,7 @@ from dataclasses import replace
 from deploy.estimate import charge_duration_s
 from deploy.events import Action, EventKind
 from deploy.failsafe import Situation, action_for
-from deploy.flightpath import TimedPath, resting, straight
+from deploy.flightpath import TimedPath, column, resting, straight
 from deploy.monitors import climbed, energy_on_dock_j, only_landing_is_left, would_turn_back
 from deploy.state import AIRBORNE, UAV_FINAL, MissionPhase, UavPhase, UavState
 from deploy.turn import RESTING, Turn
@@ -309,6 +309,7 @@ def _waiting(turn: Turn, uav: UavState) -> UavState:
         return _wait(turn, uav, f"{config.id} waits for {blocker} before it docks")
     uav = turn.order(uav, Dock(config.id, ugv.id, dock, config.descent_mps, config.altitude_m))
     uav = replace(uav, active=uav.active - {EventKind.CONFLICT_HELD})
+    path = column((x, y, ugv.pad_height_m), max(z, config.altitude_m), turn.now_s)
     return _to(turn, uav, P.DOCKING, path=path, action=k, lowest_m=z, charge_seen=False)
 
 

@@ -126,8 +126,8 @@ def _drive(turn: Turn, ugv: UgvState, target: int) -> UgvState:
         route_m = route_to(turn, ugv, target)
     except PlannerError as error:
         turn.want_replan(f"{name}: {error}", urgent=True)
-        target = ugv.target if turn.state.phase is MissionPhase.RUNNING else None
-        return replace(ugv, retry_s=turn.now_s + RETRY_S, target=target)
+        later = ugv.target if turn.state.phase is MissionPhase.RUNNING else None
+        return replace(ugv, retry_s=turn.now_s + RETRY_S, target=later)
     path = along(route_m, 0.0, turn.now_s, config.speed_mps) if len(route_m) > 1 else None
     if path is None:
         return _arrive(turn, replace(ugv, target=target))

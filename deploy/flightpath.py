@@ -95,6 +95,12 @@ def straight(start_m: Vec3, end_m: Vec3, now_s: float, speed_mps: float, accel_m
     return TimedPath(((now_s, *start_m), (now_s + duration_s, *end_m), (FOREVER_S, *end_m)))
 
 
+def column(low_m: Vec3, high_z_m: float, now_s: float) -> TimedPath:
+    """The air above ``low_m`` up to ``high_z_m`` for as long as need be: a docking may climb back at any time."""
+    x, y, z = low_m
+    return TimedPath(((now_s, x, y, high_z_m), (FOREVER_S, x, y, z)))
+
+
 def along(points_m: Sequence[Vec2], height_m: float, now_s: float, speed_mps: float) -> TimedPath:
     """A drive along a polyline at constant speed that begins now, and then rests at its end."""
     knots = [(now_s, points_m[0][0], points_m[0][1], height_m)]
@@ -121,7 +127,7 @@ def pieces(path: TimedPath, from_s: float) -> list[_Piece]:
         begin_s = max(t0, from_s)
         a = path.at(begin_s)
         b = (p1[0], p1[1], p1[2])
-        if a == b:
+        if a == b or t1 == FOREVER_S:  # at rest, or somewhere in a column
             found.append((begin_s, t1, a, b))
             continue
         n = max(1, math.ceil((t1 - begin_s) / PIECE_S))

@@ -14,7 +14,7 @@ from types import MappingProxyType
 import shapely
 
 from deploy.fence import line_of, margin_m, path_inside
-from deploy.flightpath import TimedPath, along, conflict, resting, straight
+from deploy.flightpath import TimedPath, along, column, conflict, resting, straight
 from deploy.observation import Observation, Refusal
 from deploy.settings import Settings, UavSettings, UgvSettings
 from drivers.vehicle import (
@@ -193,6 +193,8 @@ def _check_flight(
                     f"it would come as near as {found.horizontal_m:.2f} m and {found.vertical_m:.2f} m in height"
                     f" to {other.id} in {found.time_s - now_s:.1f} s"
                 )
+    if isinstance(command, Dock):
+        return column(goal, max(start[2], top_m), now_s), None  # it may abort and climb back
     return path, None
 
 
