@@ -95,6 +95,7 @@ class World:
     bodies: dict[str, Body] = field(init=False)
     telemetry: dict[str, VehicleState] = field(default_factory=dict)
     refusals: tuple[Refusal, ...] = ()
+    helpless: set[str] = field(default_factory=set)
     replies: list[tuple[float, PlanReply]] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     commands: list[tuple[float, Command]] = field(default_factory=list)
@@ -174,7 +175,7 @@ class World:
 
     def observe(self, wishes: tuple[OperatorInput, ...] = ()) -> Observation:
         """What the loop would see now."""
-        jitter = 1e-5 * (1 + round(self.now_s / DT_S) % 7)  # real poses carry noise
+        jitter = 1e-8 * (1 + round(self.now_s / DT_S))  # real poses carry noise
         poses = tuple(
             Pose(f"body-{b.id}", (b.at[0] + jitter, b.at[1], b.at[2]), b.yaw_rad, self.now_s)
             for b in self.bodies.values()
@@ -203,7 +204,9 @@ class World:
             body = self.bodies[settings.uavs[uav.index].id]
             if was.phase in (UavPhase.DOWN, UavPhase.LOST):
                 assert all(isinstance(c, StopMotors | Land | Disarm) for c in mine), mine
-            if uav.phase in AIRBORNE and body.airborne:
+            helpless = body.id in self.mute | self.deaf | self.stalled  # it cannot be told to land, or does not
+            self.helpless |= {body.id} if helpless else set()
+            if uav.phase in AIRBORNE and body.airborne and body.id not in self.helpless:
                 assert uav.energy_j > 0, f"{body.id} runs dry in the air at {self.now_s:.1f} s in {uav.phase}"
         for ugv, was_g in zip(after.ugvs, before.ugvs, strict=True):
             name = settings.ugvs[ugv.index].id
