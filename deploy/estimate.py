@@ -51,8 +51,22 @@ def follow(
         if distance_m > reach_m:
             return replace(fresh, jumped=True)
     weight = min(1.0, dt_s / SPEED_SMOOTHING_S)
-    speed_mps = (1 - weight) * track.speed_mps + weight * min(distance_m / dt_s, max_speed_mps)
-    return Track(pose.position_m, pose.yaw_rad, pose.stamp_s, speed_mps, pose.position_m, pose.stamp_s, pose.stamp_s)
+    old, new, last = track.velocity_mps, pose.position_m, track.position_m
+    velocity_mps = (
+        old[0] + weight * ((new[0] - last[0]) / dt_s - old[0]),
+        old[1] + weight * ((new[1] - last[1]) / dt_s - old[1]),
+        old[2] + weight * ((new[2] - last[2]) / dt_s - old[2]),
+    )
+    return Track(
+        position_m=new,
+        yaw_rad=pose.yaw_rad,
+        stamp_s=pose.stamp_s,
+        speed_mps=min(math.hypot(*velocity_mps), max_speed_mps),
+        raw_m=new,
+        raw_stamp_s=pose.stamp_s,
+        same_since_s=pose.stamp_s,
+        velocity_mps=velocity_mps,
+    )
 
 
 def mark_swaps(tracks: dict[str, Track], limits: Monitors) -> dict[str, Track]:

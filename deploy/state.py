@@ -57,7 +57,7 @@ class Track:
 
     Attributes:
         position_m, yaw_rad, stamp_s: the last trusted pose.
-        speed_mps: over the last trusted poses, smoothed.
+        speed_mps, velocity_mps: over the last trusted poses, smoothed as a vector so that noise cancels out.
         raw_m, raw_stamp_s: the last pose received, trusted or not.
         same_since_s: since when the raw pose has not changed by a single bit.
         jumped: the raw pose is where the vehicle cannot be.
@@ -73,6 +73,7 @@ class Track:
     same_since_s: float
     jumped: bool = False
     swapped: bool = False
+    velocity_mps: Vec3 = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

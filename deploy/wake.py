@@ -12,18 +12,24 @@ from collections.abc import Iterator
 from deploy.estimate import charge_duration_s
 from deploy.settings import Settings
 from deploy.state import AIRBORNE, MissionPhase, State, UavPhase, UavState, UgvPhase, UgvState
-from drivers.vehicle import Drive, GoTo, TakeOff
+from drivers.vehicle import Drive, GoTo, Hold, TakeOff
 
-NEAR_S = 0.2  # turns this far apart where something is about to be reached or two vehicles are near one another
+NEAR_S = 0.2  # turns at most this far apart where something is about to be reached or two vehicles are near one another
+NEAR_SHARE = 0.15  # of the time in which a UAV stops from cruise, for small and nimble ones
 SILENT_S = 0.03  # a pose older than this has not come in time
 
 
 def wake_s(settings: Settings, state: State, now_s: float) -> float:
     """The time of the next turn at the latest, always later than ``now_s``."""
     if state.phase not in (MissionPhase.RUNNING, MissionPhase.HOLDING, MissionPhase.RECOVERING):
-        return now_s + NEAR_S
+        return now_s + near_s(settings)
     earliest_s = min(t for t in _candidates(settings, state, now_s) if t > now_s)
     return min(earliest_s, now_s + settings.replanning.review_s)
+
+
+def near_s(settings: Settings) -> float:
+    """How far apart turns are where something is about to be reached."""
+    return min(NEAR_S, NEAR_SHARE * min(u.speed_mps / u.accel_mps2 for u in settings.uavs))
 
 
 def _candidates(settings: Settings, state: State, now_s: float) -> Iterator[float]:
@@ -42,7 +48,7 @@ def _candidates(settings: Settings, state: State, now_s: float) -> Iterator[floa
     for i, a in enumerate(flying):
         for b in flying[i + 1 :]:
             if _near(settings, a, b):
-                yield now_s + NEAR_S
+                yield now_s + near_s(settings)
 
 
 def _unit(settings: Settings, unit: UavState | UgvState, now_s: float) -> Iterator[float]:
@@ -51,12 +57,12 @@ def _unit(settings: Settings, unit: UavState | UgvState, now_s: float) -> Iterat
     if order is not None:
         yield order.sent_s + m.command_confirm_s * (2 if order.confirmed else 1)
         if unit.track is not None and _almost_there(settings, unit, order.command):
-            yield now_s + NEAR_S
+            yield now_s + near_s(settings)
     if unit.track is not None and now_s - unit.track.stamp_s > SILENT_S:
         yield unit.track.stamp_s + m.pose_stale_s + 1e-3
         yield unit.track.stamp_s + m.pose_lost_s + 1e-3
         yield unit.track.same_since_s + m.pose_frozen_s
-        yield now_s + NEAR_S
+        yield now_s + near_s(settings)
     if unit.telemetry is not None:
         yield unit.telemetry.stamp_s + m.telemetry_stale_s + 1e-3
         yield unit.telemetry.stamp_s + m.link_lost_s + 1e-3
@@ -72,9 +78,13 @@ def _almost_there(settings: Settings, unit: UavState | UgvState, command: object
             left_m = abs(p[2] - altitude_m)
         case Drive(path_m=path_m):
             left_m = math.dist(p[:2], path_m[-1])
+        case Hold():
+            return unit.track.speed_mps > arrival_m / 2
         case _:
             return False
-    return arrival_m < left_m < 2 * arrival_m + 2 * unit.track.speed_mps
+    # Until it has come to rest too: the estimate of its speed needs looks at it.
+    resting = left_m <= arrival_m and unit.track.speed_mps <= arrival_m
+    return not resting and left_m < 2 * arrival_m + 2 * unit.track.speed_mps
 
 
 def _uav(settings: Settings, uav: UavState, now_s: float) -> Iterator[float]:
@@ -85,7 +95,7 @@ def _uav(settings: Settings, uav: UavState, now_s: float) -> Iterator[float]:
         yield uav.off_path_since_s + m.tracking_error_s
     if uav.phase is UavPhase.DOCKING:
         yield uav.since_s + m.dock_timeout_s + 1e-3
-        yield now_s + NEAR_S
+        yield now_s + near_s(settings)
     if uav.phase is UavPhase.CHARGING and uav.docked is not None:
         yield uav.since_s + m.charge_confirm_s + 1e-3
         if settings.uavs[uav.index].energy == "virtual":

@@ -1,0 +1,126 @@
+"""The virtual clock may skip turns: what is decided, and in which order, is the same as at 50 Hz."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from deploy.backends import faults_of, world_of
+from deploy.events import EventKind
+from deploy.margin import plan_with_margin
+from deploy.mission import load
+from deploy.operator import ScriptedOperator
+from deploy.planning import InlinePlanner
+from deploy.planning_settings import first_plan, replanning
+from deploy.runner import Outcome, Tick, fly
+from drivers.vehicle import Command, Dock, Drive, GoTo, TakeOff
+from planner.plan import Plan
+from planner.problem import Problem
+from sim_backends.kinematic import build
+
+CONFIGS = Path(__file__).resolve().parents[2] / "mission_configs"
+DECISIONS = {
+    EventKind.MISSION_STATE,
+    EventKind.TASK_VISITED,
+    EventKind.RECHARGE_STARTED,
+    EventKind.RECHARGE_DONE,
+    EventKind.UGV_ARRIVED,
+    EventKind.UAV_DOWN,
+    EventKind.PLAN_ADOPTED,
+    EventKind.UGV_STUCK,
+    EventKind.POSE_STALE,
+    EventKind.POSE_LOST,
+}
+
+
+class Decisions:
+    """Keeps each vehicle's motion commands and each decisive event, in order, with their times."""
+
+    def __init__(self) -> None:
+        self.turns = 0
+        self.orders: dict[str, list[tuple[float, str]]] = {}
+        self.events: list[tuple[float, str]] = []
+
+    def tick(self, tick: Tick) -> None:
+        self.turns += 1
+        now_s = tick.observation.now_s
+        for command in tick.sent:
+            if isinstance(command, TakeOff | GoTo | Dock | Drive):
+                log = self.orders.setdefault(command.vehicle, [])
+                words = in_words(command)
+                if not log or log[-1][1] != words:  # a lost command is repeated, which is no new decision
+                    log.append((now_s, words))
+        for event in tick.events:
+            if event.kind in DECISIONS:
+                text = "" if event.kind is EventKind.PLAN_ADOPTED else event.text
+                self.events.append((now_s, f"{event.kind} {event.vehicle} {text}"))
+
+    def plan(self, plan: Plan, time_s: float, mission_s: float, reason: str, problem: Problem) -> None:
+        """Told as an event, too."""
+
+
+def in_words(command: Command) -> str:
+    match command:
+        case GoTo(position_m=(x, y, z)):
+            return f"go to {x:.1f} {y:.1f} {z:.1f}"
+        case Drive(path_m=path):
+            return f"drive to {path[-1][0]:.1f} {path[-1][1]:.1f}"
+        case _:
+            return type(command).__name__
+
+
+def fly_it(mission_file: str, *, every_turn: bool) -> tuple[Outcome, Decisions]:
+    mission = load(CONFIGS / mission_file)
+    plan = plan_with_margin(mission.problem, mission.settings.replanning.margin, *first_plan(mission))
+    # Without lost commands: which one is lost depends on the very moment at which it is sent.
+    fleet = build(replace(world_of(mission, mission.seed), command_drop=0.0), faults_of(mission, plan.makespan_s))
+    fleet.poses.connect(30.0)
+    for vehicle in fleet.vehicles.values():
+        vehicle.connect(30.0)
+    log = Decisions()
+    outcome = fly(
+        mission.settings,
+        plan,
+        vehicles=fleet.vehicles,
+        poses=fleet.poses,
+        clock=fleet.clock,
+        planner=InlinePlanner(replanning(mission), fleet.planner_delay_s),
+        operator=ScriptedOperator(),
+        observer=log,
+        virtual=not every_turn,
+        limit_s=10_000.0,
+    )
+    return outcome, log
+
+
+def compare(mission_file: str, within_s: float) -> None:
+    """Orders and events up to the first new plan are the same; that plan is made from states some cm apart."""
+    fine_outcome, fine = fly_it(mission_file, every_turn=True)
+    coarse_outcome, coarse = fly_it(mission_file, every_turn=False)
+    assert coarse.turns < fine.turns / 3
+    assert coarse_outcome.kind == fine_outcome.kind == "done"
+    fine_s, coarse_s = fine_outcome.state.last_visit_s, coarse_outcome.state.last_visit_s
+    assert fine_s is not None and coarse_s == pytest.approx(fine_s, rel=0.06)
+    replans_s = [t for log in (fine, coarse) for t, e in log.events if e.startswith(EventKind.PLAN_ADOPTED)]
+    until_s = min(replans_s, default=1e9) - within_s
+    compared = 0
+    for vehicle, orders in fine.orders.items():
+        for (a_s, a), (b_s, b) in zip(orders, coarse.orders[vehicle], strict=False):
+            if max(a_s, b_s) < until_s:
+                assert a == b
+                assert abs(a_s - b_s) <= within_s
+                compared += 1
+    assert compared >= 12
+    if not replans_s:
+        assert sorted(e for _, e in coarse.events) == sorted(e for _, e in fine.events)
+
+
+def test_the_lab_is_decided_alike_at_50_hz_and_from_event_to_event() -> None:
+    compare("lab.yaml", within_s=2.5)
+
+
+@pytest.mark.slow
+def test_the_demo_is_decided_alike_at_50_hz_and_from_event_to_event() -> None:
+    compare("demo.yaml", within_s=10.0)
