@@ -14,7 +14,7 @@ from deploy.monitors import would_turn_back
 from deploy.settings import Settings
 from deploy.state import UAV_FINAL, PlanState, UavPhase, UavState, UgvPhase
 from deploy.turn import Turn
-from planner.plan import Action, Move, Recharge, Visit
+from planner.plan import Action, Move, Visit
 from planner.problem import Problem, Uav, Ugv
 from planner.schedule import evaluate
 
@@ -46,8 +46,8 @@ def _involves(action: Action, uavs: Sequence[int], ugvs: Sequence[int]) -> bool:
             return u in uavs
         case Move(ugv=g):
             return g in ugvs
-        case Recharge(uav=u, ugv=g):
-            return u in uavs or g in ugvs
+        case _:
+            return action.uav in uavs or action.ugv in ugvs
 
 
 def landing_s(settings: Settings) -> tuple[float, ...]:

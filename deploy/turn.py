@@ -274,8 +274,10 @@ class Turn:
             case GoTo(position_m=goal_m):
                 left_m = math.dist(goal_m, track.position_m)
                 return left_m <= self.settings.monitors.arrival_m, left_m
-            case Drive(path_m=path_m):
-                return math.dist(path_m[-1], track.position_m[:2]) <= self.settings.monitors.arrival_m, left_on(unit)
+            case _:
+                return math.dist(command.path_m[-1], track.position_m[:2]) <= self.settings.monitors.arrival_m, left_on(
+                    unit
+                )
 
 
 def left_on(unit: UavState | UgvState) -> float:
