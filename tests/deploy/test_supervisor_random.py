@@ -55,7 +55,7 @@ SHARES = {"uav": st.sampled_from([0.5, 0.8, 1.0]), "ugv": st.sampled_from([0.1, 
 IDS = ("uav0", "uav1", "ugv0", "ugv1")
 
 
-@settings(max_examples=4, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=3, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     slow=st.fixed_dictionaries({i: SHARES[i[:3]] for i in IDS}), misses=st.tuples(st.integers(0, 2), st.integers(0, 2))
 )
@@ -70,7 +70,7 @@ def test_no_delay_deadlocks(slow, misses) -> None:
 FAULTS = ("blind", "mute", "stalled", "tumbled", "no_charge", "deaf")
 
 
-@settings(max_examples=6, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=5, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     faults=st.lists(
         st.tuples(st.integers(1, 90), st.sampled_from(FAULTS), st.sampled_from(IDS), st.sampled_from([2, 8, 1000])),

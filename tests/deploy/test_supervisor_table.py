@@ -202,6 +202,8 @@ def cause(kind: K, unit, of: Settings):
     state = replace(scene(of, flyer, ugv), uavs=(flyer, other), ugvs=(ugv, beside))
     observation = seen(state, of)
     observation, unit = aged(observation, unit, name, pose_s=pose, news_s=news)
+    if kind is K.COMMAND_FAILED:
+        observation = without(observation, name, pose=True)  # nothing new about how fast it is
     if kind is K.POSE_SWAP:
         observation = without(without(observation, name, pose=True), "uav1", pose=True)
     if swap is not None:

@@ -1,0 +1,150 @@
+"""Corners of dispatch, re-timing and waking that no mission passes by itself."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+import world
+from test_supervisor_table import ACTIONS, NOW, SETTINGS, G, P, scene, seen, uav_in, ugv_in
+
+from deploy import dispatch, dispatch_ugv, replanning, retime, supervisor
+from deploy.events import Action, EventKind
+from deploy.flightpath import resting
+from deploy.state import MissionPhase, Order
+from deploy.wake import wake_s
+from drivers.vehicle import Arm, Disarm, Drive, Hold, Land
+from planner.plan import Move, Recharge, Visit
+
+
+def turn_of(*uavs, ugvs=None, actions=ACTIONS, **members):
+    return world.turn(
+        SETTINGS, now_s=NOW, uavs=uavs or (world.uav(0, now_s=NOW), world.uav(1, now_s=NOW)),
+        ugvs=ugvs or (ugv_in(G.PARKED), ugv_in(G.PARKED, 1)), actions=actions, phase=MissionPhase.RUNNING, **members,
+    )  # fmt: skip
+
+
+def test_a_uav_with_energy_for_nothing_else_lands_where_it_is() -> None:
+    state = scene(SETTINGS, replace(uav_in(P.FLYING), energy_j=1_500.0, diverting=True), ugv_in(G.PARKED))
+    result = supervisor.step(SETTINGS, state, seen(state))
+    told = [e for e in result.events if e.kind is EventKind.ENERGY_NO_RETURN]
+    assert told[-1].action is Action.LAND_HERE and result.state.uavs[0].phase is P.LANDING
+    assert Land("uav0", 1.5) in result.commands
+
+
+def test_a_landing_waits_for_the_uav_below() -> None:
+    above = replace(uav_in(P.FLYING, (0.0, 0.0, 10.0)), order=None)
+    below = replace(uav_in(P.FLYING, (1.0, 0.0, 4.0)), index=1)
+    turn = turn_of(above, replace(below, path=resting((1.0, 0.0, 4.0), NOW)), actions=(Visit(1, 1),))
+    dispatch.advance(turn, 0)
+    assert turn.uavs[0].phase is P.FLYING and not turn.commands
+    assert EventKind.CONFLICT_HELD in turn.uavs[0].active and turn.uavs[0].retry_s > NOW
+
+
+def test_a_uav_off_its_path_wakes_when_it_counts() -> None:
+    state = scene(SETTINGS, replace(uav_in(P.FLYING), off_path_since_s=NOW - 0.9, order=None), ugv_in(G.PARKED))
+    assert wake_s(SETTINGS, replace(state, review_s=NOW), NOW) == pytest.approx(NOW + 0.1)
+
+
+def test_a_uav_on_a_dock_waits_for_the_column_above_it() -> None:
+    full = world.uav(0, (99.0, 0.0, 0.5), NOW, docked=(0, 0), site=0, action=None)
+    coming = replace(uav_in(P.DOCKING), index=1, docked=(0, 1))
+    turn = turn_of(full, coming, actions=(Visit(0, 0), Visit(1, 1), Move(0, 1)))
+    dispatch.advance(turn, 0)
+    assert turn.uavs[0].phase is P.ON_PAD and not turn.commands
+
+
+def test_a_ugv_that_is_not_armed_is_armed_before_it_drives() -> None:
+    ugv = replace(world.ugv(0, now_s=NOW, site=3), telemetry=world.report("ugv0", NOW, armed=False))
+    turn = turn_of(ugvs=(ugv, ugv_in(G.PARKED, 1)))
+    dispatch_ugv.advance(turn, 0)
+    assert turn.commands == [Arm("ugv0")] and turn.ugvs[0].phase is G.PARKED
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ([(0.0, 0.0), (10.0, 0.0)], [(0.0, -2.0), (10.0, -2.0)]),
+        ([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0)], [(0.0, -2.0), (12.0, -2.0), (12.0, 10.0)]),
+        ([(0.0, 0.0), (0.0, 0.0)], [(0.0, 0.0), (0.0, 0.0)]),
+        ([(0.0, 0.0), (0.0, 0.0), (10.0, 0.0)], [(0.0, -2.0), (10.0, -2.0)]),
+        ([(3.0, 4.0)], [(3.0, 4.0)]),
+    ],
+)
+def test_keeping_right(line, expected) -> None:
+    assert dispatch_ugv.keep_right(line, 2.0) == [pytest.approx(p) for p in expected]
+    assert dispatch_ugv.keep_right(line, 0.0) == line
+
+
+def test_the_way_left_on_a_route_with_a_point_given_twice() -> None:
+    assert dispatch_ugv.left_on_route_m(((0.0, 0.0), (0.0, 0.0), (10.0, 0.0)), (4.0, 1.0)) == pytest.approx(6.0)
+
+
+def test_units_never_seen_are_planned_as_the_mission_says() -> None:
+    turn = turn_of(world.uav(0, now_s=NOW), replace(world.uav(1, now_s=NOW), track=None),
+                   ugvs=(ugv_in(G.DRIVING), replace(ugv_in(G.PARKED, 1), track=None)))  # fmt: skip
+    problem = retime.problem_now(turn)
+    assert problem.uavs[1].position == (0.0, 0.0) and problem.ugvs[1].energy_j == 1e6
+    assert problem.ugvs[0].distance_to_m is not None
+    assert retime.excluded(turn) == ((1,), (1,))
+
+
+def test_a_uav_docked_at_a_ugv_between_sites_is_where_it_is_seen() -> None:
+    turn = turn_of(uav_in(P.CHARGING), world.uav(1, now_s=NOW), ugvs=(ugv_in(G.HOLDING), ugv_in(G.PARKED, 1)))
+    assert retime.problem_now(turn).uavs[0].position == (99.0, 0.0)
+
+
+def test_an_earlier_move_or_guest_keeps_a_rendezvous_from_being_ready() -> None:
+    actions = (Move(0, 0), Recharge(0, 0), Recharge(1, 0))
+    turn = turn_of(actions=actions)
+    assert not turn.rendezvous_ready(1)  # the move is not done yet
+    turn.mark_done(0)
+    assert turn.rendezvous_ready(1)
+    turn.uavs[1] = replace(uav_in(P.DOCKING), index=1, docked=(0, 1))
+    assert not turn.rendezvous_ready(1)
+
+
+@pytest.mark.parametrize(("armed", "seen_it"), [(False, True), (True, False)])
+def test_a_disarming_is_confirmed_by_telemetry(armed: bool, seen_it: bool) -> None:
+    uav = replace(world.uav(0, now_s=NOW), telemetry=world.report("uav0", NOW, armed=armed),
+                  order=Order(Disarm("uav0"), NOW, NOW))  # fmt: skip
+    assert turn_of().confirm(uav, 10.0).order.confirmed is seen_it
+
+
+def test_nothing_is_confirmed_before_it_has_been_heard() -> None:
+    uav = replace(world.uav(0, now_s=NOW), telemetry=None, order=Order(Hold("uav0"), NOW, NOW))
+    assert not turn_of().confirm(uav, 10.0).order.confirmed
+
+
+def test_a_command_without_effect_is_given_up_but_hold_land_and_drive_are_not() -> None:
+    for command, goes_on in ((Arm("uav0"), False), (Hold("uav0"), True), (Land("uav0", 1.0), True)):
+        turn = turn_of()
+        turn.order(replace(turn.uavs[0], order=Order(command, NOW - 20, NOW - 3, attempts=5)), command)
+        assert bool(turn.commands) is goes_on
+    turn = turn_of()
+    drive = Drive("ugv0", ((0.0, 0.0), (9.0, 0.0)), 5.0)
+    turn.order(replace(turn.ugvs[0], order=Order(drive, NOW - 20, NOW - 3, attempts=9)), drive)
+    assert turn.commands == [drive]
+
+
+def test_drift_may_be_only_noted() -> None:
+    of = replace(SETTINGS, failsafe={"schedule_drift": "note"})
+    turn = world.turn(of, now_s=NOW, uavs=(world.uav(0, now_s=NOW), world.uav(1, now_s=NOW)),
+                      ugvs=(world.ugv(0, now_s=NOW, site=3), world.ugv(1, now_s=NOW, site=3)),
+                      phase=MissionPhase.RUNNING, start_s=-1000.0)  # fmt: skip
+    replanning.review(turn)
+    assert EventKind.SCHEDULE_DRIFT in [e.kind for e in turn.events] and turn.request is None
+
+
+def test_waking_for_units_that_were_never_seen_or_heard_and_for_a_service() -> None:
+    uav = replace(uav_in(P.FLYING), work_until_s=NOW + 0.4, track=None, telemetry=None, order=None)
+    state = replace(scene(SETTINGS, uav, ugv_in(G.PARKED)), review_s=NOW)
+    assert wake_s(SETTINGS, state, NOW) == pytest.approx(NOW + 0.4)
+
+
+def test_a_step_before_anybody_was_seen() -> None:
+    state = world.state(SETTINGS)
+    result = supervisor.step(SETTINGS, state, world.observation(1.0))
+    assert result.state.uavs[0].track is None and not result.commands and not math.isnan(result.state.uavs[0].energy_j)
+    assert state.units == (*state.uavs, *state.ugvs)
