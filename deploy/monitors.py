@@ -72,11 +72,19 @@ def _telemetry(turn: Turn, name: str, telemetry: VehicleState | None) -> Iterato
 
 def _command(turn: Turn, name: str, unit: UavState | UgvState) -> Iterator[Finding]:
     m, order = turn.settings.monitors, unit.order
-    if order is None or order.confirmed or isinstance(order.command, Drive):
+    # A drive that gets nowhere is stuck, a docking that turns back is missed: those have monitors of their own.
+    if order is None or order.confirmed or isinstance(order.command, Drive) or _turned_back(turn, unit):
         return
     if order.attempts >= m.command_attempts and turn.now_s - order.sent_s >= m.command_confirm_s:
         what = type(order.command).__name__
         yield Finding(K.COMMAND_FAILED, name, f"{name} does not follow {what} after {order.attempts} attempts")
+
+
+def _turned_back(turn: Turn, unit: UavState | UgvState) -> bool:
+    """Whether a docking UAV is higher than it has been: it climbs away from the dock."""
+    if not isinstance(unit, UavState) or unit.phase is not UavPhase.DOCKING or unit.track is None:
+        return False
+    return unit.track.position_m[2] > unit.lowest_m + turn.settings.monitors.arrival_m
 
 
 def _fence(turn: Turn, name: str, position_m: Vec3) -> Iterator[Finding]:

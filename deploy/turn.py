@@ -227,7 +227,7 @@ class Turn:
             return replace(unit, order=Order(command, self.now_s, self.now_s))
         if order.confirmed or self.now_s - order.sent_s < m.command_confirm_s:
             return unit
-        if order.attempts >= m.command_attempts and not isinstance(command, Land | Hold | StopMotors | Drive):
+        if order.attempts >= m.command_attempts and not isinstance(command, Land | Hold | StopMotors | Drive | Dock):
             return unit
         self.commands.append(command)
         return replace(unit, order=replace(order, sent_s=self.now_s, attempts=order.attempts + 1))

@@ -54,7 +54,11 @@ class Decisions:
                     log.append((now_s, words))
         for event in tick.events:
             if event.kind in DECISIONS:
-                text = "" if event.kind is EventKind.PLAN_ADOPTED else event.text
+                text = (
+                    ""
+                    if event.kind in (EventKind.PLAN_ADOPTED, EventKind.RECHARGE_STARTED)
+                    else event.text.split("(")[0]
+                )
                 self.events.append((now_s, f"{event.kind} {event.vehicle} {text}"))
 
     def plan(self, plan: Plan, time_s: float, mission_s: float, reason: str, problem: Problem) -> None:
