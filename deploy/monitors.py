@@ -68,12 +68,14 @@ def _telemetry(turn: Turn, name: str, telemetry: VehicleState | None) -> Iterato
         yield Finding(K.TELEMETRY_STALE, name, f"no telemetry of {name} for {m.telemetry_stale_s:g} s")
     if telemetry.tumbled:
         yield Finding(K.TUMBLED, name, f"{name} is tumbled or has crashed")
+    elif telemetry.locked:
+        yield Finding(K.COMMAND_FAILED, name, f"{name} is locked and follows nothing; reboot it before its next flight")
 
 
 def _command(turn: Turn, name: str, unit: UavState | UgvState) -> Iterator[Finding]:
     m, order = turn.settings.monitors, unit.order
     # A drive that gets nowhere is stuck, a docking that turns back is missed: those have monitors of their own.
-    if order is None or order.confirmed or isinstance(order.command, Drive) or _turned_back(turn, unit):
+    if order is None or order.confirmed or unit.out or isinstance(order.command, Drive) or _turned_back(turn, unit):
         return
     if order.attempts >= m.command_attempts and turn.now_s - order.sent_s >= m.command_confirm_s:
         what = type(order.command).__name__

@@ -121,6 +121,7 @@ class UavState:
         retry_s: no new motion before this time (after a refusal or a conflict).
         off_path_since_s: since when it has been off its path.
         active: conditions that hold now, so that each is told once.
+        refused: what the gate last said no to, until something has worked again; told once, too.
     """
 
     index: int
@@ -146,6 +147,7 @@ class UavState:
     retry_s: float = 0.0
     off_path_since_s: float | None = None
     active: frozenset[EventKind] = frozenset()
+    refused: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,6 +182,7 @@ class UgvState:
     held: bool = False
     retry_s: float = 0.0
     active: frozenset[EventKind] = frozenset()
+    refused: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from deploy.state import (
     UgvPhase,
     UgvState,
 )
-from deploy.turn import Adopted, Turn
+from deploy.turn import Adopted, Turn, Unit
 from drivers.vehicle import Arm, Command, Disarm, Pose
 from planner.plan import Plan
 
@@ -289,14 +289,26 @@ def _refusals(turn: Turn) -> None:
     for refusal in turn.observation.refusals:
         name = refusal.command.vehicle
         what = type(refusal.command).__name__
-        turn.tell(EventKind.GATE_REFUSED, f"{what} for {name} was refused: {refusal.reason}", name)
+        text = f"{what} for {name} was refused: {refusal.reason}"
         retry_s = turn.now_s + dispatch.RETRY_S
         for i, uav in enumerate(turn.uavs):
-            if turn.settings.uavs[i].id == name and _is_under(uav, refusal.command):
-                turn.uavs[i] = dispatch.refused(turn, replace(uav, retry_s=retry_s))
+            if turn.settings.uavs[i].id == name:
+                turn.uavs[i] = _told_of(turn, uav, name, text)
+                if _is_under(uav, refusal.command):
+                    turn.uavs[i] = dispatch.refused(turn, replace(turn.uavs[i], retry_s=retry_s))
         for j, ugv in enumerate(turn.ugvs):
-            if turn.settings.ugvs[j].id == name and _is_under(ugv, refusal.command):
-                turn.ugvs[j] = dispatch_ugv.refused(turn, replace(ugv, retry_s=retry_s))
+            if turn.settings.ugvs[j].id == name:
+                turn.ugvs[j] = _told_of(turn, ugv, name, text)
+                if _is_under(ugv, refusal.command):
+                    turn.ugvs[j] = dispatch_ugv.refused(turn, replace(turn.ugvs[j], retry_s=retry_s))
+
+
+def _told_of(turn: Turn, unit: Unit, name: str, text: str) -> Unit:
+    """Tells a refusal unless it is the one told last."""
+    if text == unit.refused:
+        return unit
+    turn.tell(EventKind.GATE_REFUSED, text, name)
+    return replace(unit, refused=text)
 
 
 def _is_under(unit: UavState | UgvState, command: Command) -> bool:

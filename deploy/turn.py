@@ -241,13 +241,13 @@ class Turn:
         if left_m is None:  # an effect that is there or not
             return unit if done == order.confirmed else replace(unit, order=replace(order, confirmed=done))
         if done:
-            return unit if order.confirmed else replace(unit, order=replace(order, confirmed=True))
+            return unit if order.confirmed else replace(unit, order=replace(order, confirmed=True), refused="")
         step_m = self.settings.monitors.arrival_m / 2
         if order.mark_m is None:
             return replace(unit, order=replace(order, mark_m=left_m))
         if left_m <= order.mark_m - step_m:
             moved = replace(order, mark_m=left_m, confirmed=True, sent_s=self.now_s, attempts=1)
-            return replace(unit, order=moved)
+            return replace(unit, order=moved, refused="")
         if order.confirmed and self.now_s - order.sent_s >= 2 * self.settings.monitors.command_confirm_s:
             return replace(unit, order=replace(order, confirmed=False, mark_m=left_m))
         return unit
