@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Annotated
 
 from annotated_types import Ge, Gt, Le
@@ -109,10 +109,3 @@ class CheckLimits:
                 raise ValueError(
                     f"{name}_fail ({fail:g}) is above {name}_warn ({warn:g}); a failure is worse than a warning"
                 )
-
-
-def limits_of(section: object) -> CheckLimits:
-    """The limits that a mission's ``checks`` section gives; keys that it does not know keep their defaults."""
-    if isinstance(section, CheckLimits):
-        return section
-    return CheckLimits(**{f.name: getattr(section, f.name) for f in fields(CheckLimits) if hasattr(section, f.name)})

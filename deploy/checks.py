@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from deploy.check_backend import BackendProbe, backend_rows, probe_backend
 from deploy.check_chance import chance_rows, planner_row
 from deploy.check_energy import energy_rows, plan_rows
-from deploy.check_limits import CheckLimits, Uncertainty, limits_of
+from deploy.check_limits import CheckLimits, Uncertainty
 from deploy.check_mission import mission_rows
 from deploy.check_report import CheckReport, CheckRow, Verdict
 from deploy.check_space import space_rows
@@ -50,7 +50,7 @@ def run_checks(
     return check_plan(
         mission.settings,
         plan,
-        limits_of(mission.checks),
+        mission.checks,
         now_s=now_s,
         probe=probe,
         seed=mission.seed,

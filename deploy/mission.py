@@ -12,13 +12,14 @@ from typing import Any, Literal
 
 import numpy as np
 
+from deploy.check_limits import CheckLimits
 from deploy.errors import InputError
 from deploy.maps import LoadedMap, MapGeometry, Region, Source
 from deploy.maps_geojson import load_geojson_map
 from deploy.maps_occupancy import load_occupancy_map
 from deploy.mission_errors import validate
 from deploy.mission_fleet import Fleet, fleet_of
-from deploy.mission_model import Checks, Energy, FleetSection, MissionConfig, Planner, RandomFaults
+from deploy.mission_model import Energy, FleetSection, MissionConfig, Planner, RandomFaults
 from deploy.mission_schema import schema
 from deploy.mission_settings import (
     altitudes_of,
@@ -98,7 +99,7 @@ class Mission:
     task_names: tuple[str, ...]
     planner: Planner
     energy: Energy
-    checks: Checks
+    checks: CheckLimits
     faults: tuple[Fault, ...]
     random_faults: RandomFaults | None
     fleet: tuple[FleetVehicle, ...]

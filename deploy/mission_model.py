@@ -7,8 +7,9 @@ from typing import Annotated, Any, Literal
 from annotated_types import Ge, Le
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
 
+from deploy.check_limits import CheckLimits
 from deploy.events import Action, EventKind
-from deploy.settings import Fraction, Monitors, NotNegative, Positive, Replanning, Separation
+from deploy.settings import Monitors, NotNegative, Positive, Replanning, Separation
 from planner.solve import METHODS
 from sim_backends.faults import Fault
 
@@ -192,33 +193,6 @@ class Planner(Section):
         return self
 
 
-class Checks(Section):
-    """What a plan must hold before it may be flown."""
-
-    energy_margin_warn: Fraction = 0.10
-    """Least energy above reserve over the plan, as a share of capacity; below is a warning."""
-    energy_margin_fail: Fraction = 0.02
-    """Below this the check fails."""
-    success_probability_warn: Fraction = 0.95
-    """Estimated probability that the plan succeeds undisturbed by the supervisor; below is a warning."""
-    success_probability_fail: Fraction = 0.80
-    """Below this the check fails."""
-    samples: Annotated[int, Ge(10), Le(1_000_000)] = 1000
-    """Of the Monte Carlo estimate."""
-    validity_s: Positive = 600.0
-    """Results expire after this time, s."""
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Checks:
-        for name in ("energy_margin", "success_probability"):
-            warn, fail = getattr(self, f"{name}_warn"), getattr(self, f"{name}_fail")
-            if fail > warn:
-                raise ValueError(
-                    f"{name}_fail ({fail:g}) is above {name}_warn ({warn:g}); a failure is worse than a warning"
-                )
-        return self
-
-
 class RandomFaults(Section):
     """Faults drawn by the simulator."""
 
@@ -278,7 +252,7 @@ class MissionConfig(Section):
     """When to plan anew in flight."""
     failsafe: dict[str, str] = Field(default_factory=dict)
     """Overrides of the failsafe table: ``event`` or ``event/phase`` to action."""
-    checks: Checks = Checks()
+    checks: CheckLimits = CheckLimits()
     """What a plan must hold."""
     faults: tuple[Fault, ...] = Field(default=(), max_length=1000)
     """Scripted faults; simulators only."""

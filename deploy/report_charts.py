@@ -7,6 +7,7 @@ from itertools import combinations
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -17,57 +18,62 @@ from matplotlib.ticker import NullLocator
 from deploy.drawing import Array, vehicle_colours
 from deploy.pictures import ALARM, FAINT, INK, RECHARGE, STYLE, new_figure
 from deploy.recording_read import Adopted
-from deploy.report_history import History, charger, phase_spans
+from deploy.report_history import History, charger, phase_spans, standstills
 from deploy.report_safety import both_airborne, pair_distance_m
 from deploy.state import AIRBORNE, UavPhase, UgvPhase
 from planner.plan import Move, Recharge, Visit
 
 WIDTH_IN = 11.4
 WAITING = "#C9C9C9"
+TAIL = "#F1F3F5"
+FIRST, LATER = (0, (4, 2.5)), (0, (1, 1.4))  # dashes of what the first and the later plans predicted
 POINTS = 1500  # more than the page has pixels adds only bytes
 
 
 def gantt(history: History) -> Figure:
-    """Each vehicle's first plan (thin, pale) above what it did (thick), with task numbers and replans."""
+    """What each vehicle did (thick) under the plan in force at the time (thin) and, once replanned, the first plan."""
     with mpl.rc_context(STYLE):
         n = len(history.ids)
-        figure = new_figure(WIDTH_IN, 1.1 + 0.62 * n)
+        figure = new_figure(WIDTH_IN, 1.2 + 0.68 * n)
         axes = figure.add_subplot()
         colours = vehicle_colours(history.settings.problem)
+        several = len(history.plans) > 1
         for v, name in enumerate(history.ids):
             row = n - 1 - v
-            if history.plans:
-                for x0, x1, colour in _planned_bars(history, history.plans[0], v, colours[name]):
-                    axes.broken_barh([(x0, x1 - x0)], (row + 0.18, 0.17), facecolor=colour, alpha=0.5, lw=0)
-            for x0, x1, colour in _actual_bars(history, v, colours[name]):
-                axes.broken_barh([(x0, x1 - x0)], (row - 0.3, 0.42), facecolor=colour, edgecolor="white", lw=0.5)
+            if several:
+                _bars(axes, _planned_bars(history, history.plans[0], v, colours[name]), row + 0.31, 0.11, alpha=0.3)
+            for adopted, begin, end in _in_force(history):
+                wanted = _clipped(_planned_bars(history, adopted, v, colours[name]), begin, end)
+                _bars(axes, wanted, row + 0.16, 0.12, alpha=0.6)
+            done = _actual_bars(history, v, colours[name])
+            axes.broken_barh(
+                [(x0, x1 - x0) for x0, x1, _ in done], (row - 0.3, 0.42), facecolor=[c for *_, c in done],
+                edgecolor="white", lw=0.5,
+            )  # fmt: skip
         _task_marks(axes, history)
-        end = max([float(history.mission_s.max(initial=0.0)), *(a.plan.makespan_s for a in history.plans[:1])]) / 60
-        axes.set_xlim(0, end * 1.01 or 1)
-        axes.set_ylim(-0.55, n - 0.4)
+        promised = history.plans[0].plan.makespan_s / 60 if history.plans else np.nan
+        axes.set_xlim(0, max(_end_min(history), promised if np.isfinite(promised) else 0.0) * 1.01 or 1)
+        axes.set_ylim(-0.5, n - 0.25)
         axes.set_yticks(range(n), history.ids[::-1])
         axes.tick_params(axis="y", labelsize=10, labelcolor=INK)
-        _replans(axes, history, label=True)
-        if history.plans and np.isfinite(history.plans[0].plan.makespan_s):
-            axes.axvline(history.plans[0].plan.makespan_s / 60, color=INK, lw=1, ls=":")
+        handles = [Patch(facecolor=FAINT, label="flown, driven"), Patch(facecolor=WAITING, label="standing, waiting")]
+        handles += [Patch(facecolor=RECHARGE, label="charging"), _strip(0.6, "plan in force")]
+        if several:
+            handles.append(_strip(0.3, "first plan"))
+        lines = _replans(axes, history, label=True)
+        if np.isfinite(promised):
+            axes.axvline(promised, color=INK, lw=1.1, ls=":")
+            lines.append(Line2D([], [], color=INK, lw=1.1, ls=":", label="first plan's last visit"))
+        handles += [*lines, *_tail(axes, history)]
         _finish(axes)
         axes.spines[["top", "right", "left"]].set_visible(False)
         axes.set_xlabel("mission time, min")
-        handles = [
-            Patch(facecolor=FAINT, alpha=0.5, label="first plan (thin)"),
-            Patch(facecolor=FAINT, label="flown, driven (thick)"),
-            Patch(facecolor=WAITING, label="waiting"),
-            Patch(facecolor=RECHARGE, label="charging"),
-            Line2D([], [], color=INK, lw=1, ls=":", label="first plan's makespan"),
-        ]
-        if len(history.plans) > 1:
-            handles.append(Line2D([], [], color=ALARM, lw=1.1, ls="--", label="replan"))
-        figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False, fontsize=8.5)
+        _legend(figure, handles)
     return figure
 
 
 def energy(history: History) -> Figure:
-    """Energy of each UAV with its reserve, its recharges and the first plan's prediction."""
+    """Energy of each UAV with its reserve, its recharges and what the plans predicted."""
     with mpl.rc_context(STYLE):
         n = history.n_uavs
         columns = 1 if n <= 4 else 2
@@ -76,31 +82,36 @@ def energy(history: History) -> Figure:
         grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
         colours = vehicle_colours(history.settings.problem)
         t, keep = history.mission_s / 60, _spread(len(history.mission_s))
+        handles: list[Artist] = [Line2D([], [], color=FAINT, lw=1.8, label="energy")]
+        if history.plans:
+            handles.append(Line2D([], [], color=FAINT, lw=1.2, ls=FIRST, label="first plan"))
+        if len(history.plans) > 1:
+            handles.append(Line2D([], [], color=INK, lw=1.2, ls=LATER, label="replanned"))
+        handles.append(Patch(facecolor=RECHARGE, alpha=0.3, label="charging"))
         for u, uav in enumerate(history.settings.problem.uavs):
             axes: Axes = grid[u // columns, u % columns]
             for span in phase_spans(history, u, UavPhase.CHARGING):
                 axes.axvspan(span.start_s / 60, span.end_s / 60, color=RECHARGE, alpha=0.22, lw=0)
-            for adopted in history.plans[:1]:
-                axes.plot(*_planned_energy(adopted, u, uav.energy_j), color=FAINT, lw=1.1, ls=(0, (4, 2.5)))
             axes.plot(t[keep], history.energy_j[keep, u] / 1000, color=colours[uav.id], lw=1.8)
+            for adopted in history.plans[:1]:
+                axes.plot(*_planned_energy(adopted, u, uav.energy_j), color=FAINT, lw=1.2, ls=FIRST)
+            for adopted, begin, end in _in_force(history)[1:]:
+                have = float(np.interp(adopted.zero_s, history.mission_s, history.energy_j[:, u]))
+                x, y = _within(*_planned_energy(adopted, u, have), begin, end)
+                axes.plot(x, y, color=INK, lw=1.2, ls=LATER)
             axes.axhline(uav.reserve_j / 1000, color=ALARM, lw=1.0)
             axes.set_ylim(0, uav.capacity_j / 1000 * 1.08)
-            axes.set_xlim(0, float(t.max(initial=1.0)) * 1.01)
-            _replans(axes, history)
+            axes.set_xlim(0, _end_min(history) * 1.01 or 1)
+            _named(axes, uav.reserve_j / 1000, "reserve", above=True)
+            marks = [*_replans(axes, history), *_tail(axes, history)]
             _finish(axes)
             axes.set_ylabel("energy, kJ")
-            axes.set_title(uav.id, loc="left", pad=3, fontsize=9.5, color=colours[uav.id], weight="bold")
+            axes.set_title(uav.id, loc="left", pad=3, fontsize=10, color=colours[uav.id], weight="bold")
         for axes in grid[-1]:
             axes.set_xlabel("mission time, min")
         for u in range(n, rows * columns):
             grid[u // columns, u % columns].set_visible(False)
-        handles = [
-            Line2D([], [], color=FAINT, lw=1.8, label="energy"),
-            Line2D([], [], color=FAINT, lw=1.1, ls=(0, (4, 2.5)), label="first plan"),
-            Line2D([], [], color=ALARM, lw=1.0, label="reserve"),
-            Patch(facecolor=RECHARGE, alpha=0.3, label="charging"),
-        ]
-        figure.legend(handles=handles, loc="outside lower center", ncols=5, frameon=False, fontsize=8.5)
+        _legend(figure, [*handles, *marks])
     return figure
 
 
@@ -108,37 +119,41 @@ def flight(history: History) -> Figure:
     """Altitude of every UAV under the ceiling and, below it, how close the nearest two in the air were."""
     with mpl.rc_context(STYLE):
         pairs = list(combinations(range(history.n_uavs), 2))
-        figure = new_figure(WIDTH_IN, 3.9 if pairs else 2.3)
+        figure = new_figure(WIDTH_IN, 4.3 if pairs else 2.5)
         grid = figure.subplots(2 if pairs else 1, 1, sharex=True, squeeze=False)[:, 0]
         t, keep = history.mission_s / 60, _spread(len(history.mission_s))
         colours = vehicle_colours(history.settings.problem)
         axes = grid[0]
+        handles: list[Artist] = []
         for u, name in enumerate(history.ids[: history.n_uavs]):
-            axes.plot(t[keep], history.position_m[keep, u, 2], color=colours[name], lw=1.5, label=name)
+            handles += axes.plot(t[keep], history.position_m[keep, u, 2], color=colours[name], lw=1.5, label=name)
+        for axes in grid:
+            axes.set_xlim(0, _end_min(history) * 1.01 or 1)
+            marks = [*_replans(axes, history), *_tail(axes, history)]
+            _finish(axes)
+        axes = grid[0]
         ceiling = history.settings.geofence.ceiling_m
-        axes.axhline(ceiling, color=ALARM, lw=1.0, label="ceiling")
-        axes.set_ylim(0, ceiling * 1.15)
+        axes.axhline(ceiling, color=ALARM, lw=1.0)
+        axes.set_ylim(0, ceiling * 1.2)
+        _named(axes, ceiling, "ceiling", above=False)
         axes.set_ylabel("altitude, m")
         if pairs and len(t):
             axes = grid[1]
-            limits = history.settings.separation
+            limit_m = history.settings.separation.horizontal_m
             flat, steep = _nearest(history, pairs)
-            axes.plot(
-                t[: len(flat)], flat, color="#5B6C8F", lw=1.4, label="horizontal distance, nearest two in the air"
+            handles += axes.plot(t[: len(flat)], flat, color="#5B6C8F", lw=1.4, label="distance of the nearest two")
+            handles.append(
+                axes.scatter(t[: len(steep)], steep, s=7, color=INK, zorder=4, label="the same, on one level")
             )
-            axes.scatter(t[: len(steep)], steep, s=7, color=INK, zorder=4, label="on one level (downwash)")
-            axes.axhline(limits.horizontal_m, color=ALARM, lw=1.0, label="least allowed on one level")
+            axes.axhline(limit_m, color=ALARM, lw=1.0)
             axes.set_yscale("log")
-            axes.yaxis.set_major_formatter("{x:g}")
+            axes.yaxis.set_major_formatter(lambda y, _: f"{y:,g}")
             axes.yaxis.set_minor_locator(NullLocator())
-            axes.set_ylim(bottom=limits.horizontal_m / 3)
-            axes.set_ylabel("distance, m")
-        for axes in grid:
-            axes.set_xlim(0, float(t.max(initial=1.0)) * 1.01)
-            _replans(axes, history)
-            _finish(axes)
+            axes.set_ylim(bottom=limit_m / 3)
+            _named(axes, limit_m, "least allowed on one level", above=True)
+            axes.set_ylabel("horizontal, m")
         grid[-1].set_xlabel("mission time, min")
-        figure.legend(loc="outside lower center", ncols=6, frameon=False, fontsize=8.5)
+        _legend(figure, [*handles, *marks])
     return figure
 
 
@@ -194,6 +209,7 @@ def _actual_bars(history: History, vehicle: int, colour: str) -> list[tuple[floa
             continue
         start = bars.pop()[0] if bars and bars[-1][1:] == (span.start_s / 60, tone) else span.start_s / 60
         bars.append((start, span.end_s / 60, tone))
+    bars += [(s.start_s / 60, s.end_s / 60, WAITING) for s in standstills(history, vehicle)]
     if vehicle >= history.n_uavs:
         name = history.ids[vehicle]
         for u in range(history.n_uavs):
@@ -204,14 +220,14 @@ def _actual_bars(history: History, vehicle: int, colour: str) -> list[tuple[floa
 
 def _task_marks(axes: Axes, history: History) -> None:
     """Task numbers at the moments of the visits; those that would cover another are left out."""
-    room = float(history.mission_s.max(initial=60.0)) / 60 * 0.016
+    width = float(history.mission_s.max(initial=60.0)) / 60
     last: dict[str, float] = {}
     for visit in history.visits:
         if visit.uav is None:
             continue
         x, row = visit.time_s / 60, len(history.ids) - 1 - history.ids.index(visit.uav)
         axes.plot([x, x], [row - 0.3, row + 0.12], color="white", lw=1.6)
-        if x - last.get(visit.uav, -1e9) < room:
+        if x - last.get(visit.uav, -1e9) < width * (0.003 + 0.006 * len(str(visit.task))):
             continue
         last[visit.uav] = x
         axes.text(
@@ -238,13 +254,70 @@ def _planned_energy(adopted: Adopted, uav: int, start_j: float) -> tuple[list[fl
     return [s / 60 for s in times], [j / 1000 for j in joules]
 
 
-def _replans(axes: Axes, history: History, label: bool = False) -> None:
-    """A line for each replan; those close together share a label."""
+def _in_force(history: History) -> list[tuple[Adopted, float, float]]:
+    """Each plan with the time in min from which and to which it was in force; the last one to its own end."""
+    begins = [history.to_mission_s(adopted.time_s) / 60 for adopted in history.plans]
+    begins[:1] = [-np.inf] * len(begins[:1])
+    return list(zip(history.plans, begins, [*begins[1:], np.inf], strict=True))
+
+
+def _clipped(bars: list[tuple[float, float, str]], begin: float, end: float) -> list[tuple[float, float, str]]:
+    return [(max(a, begin), min(b, end), colour) for a, b, colour in bars if a < end and b > begin]
+
+
+def _within(x: list[float], y: list[float], begin: float, end: float) -> tuple[Array, Array]:
+    """The part of a line, given by its corners, from x ``begin`` to ``end``."""
+    stop = min(end, x[-1])
+    at = np.array(sorted({begin, stop, *(v for v in x if begin < v < stop)})) if begin < stop else np.zeros(0)
+    return at, np.interp(at, x, y)
+
+
+def _bars(axes: Axes, bars: list[tuple[float, float, str]], bottom: float, height: float, alpha: float) -> None:
+    spans, colours = [(x0, x1 - x0) for x0, x1, _ in bars], [colour for *_, colour in bars]
+    axes.broken_barh(spans, (bottom, height), facecolor=colours, alpha=alpha, lw=0)
+
+
+def _strip(alpha: float, label: str) -> Line2D:
+    return Line2D([], [], color=INK, lw=3, alpha=alpha, solid_capstyle="butt", label=label)
+
+
+def _end_min(history: History) -> float:
+    return float(history.mission_s.max(initial=0.0)) / 60
+
+
+def _tail(axes: Axes, history: History) -> list[Artist]:
+    """Shades what came after the last visit, if anything did; returns what the legend says of it."""
+    last, end = max((v.time_s for v in history.visits), default=0.0) / 60, axes.get_xlim()[1]
+    if len(history.visits) < history.settings.problem.n_tasks or last >= _end_min(history):
+        return []
+    axes.axvspan(last, end, color=TAIL, lw=0, zorder=0)
+    return [Patch(facecolor=TAIL, label="after the last visit")]
+
+
+def _named(axes: Axes, y: float, text: str, *, above: bool) -> None:
+    """Writes what a level line is at its right end."""
+    axes.annotate(
+        text, (1.0, y), xycoords=("axes fraction", "data"), xytext=(-3, 2 if above else -2),
+        textcoords="offset points", ha="right", va="bottom" if above else "top", fontsize=8, color=ALARM,
+        path_effects=[withStroke(linewidth=2, foreground="white", alpha=0.8)],
+    )  # fmt: skip
+
+
+def _legend(figure: Figure, handles: list[Artist]) -> None:
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(5, len(handles)), frameon=False, fontsize=9)
+
+
+def _replans(axes: Axes, history: History, label: bool = False) -> list[Artist]:
+    """A line for each replan; those close together share a label. Returns what the legend says of them."""
     times = [history.to_mission_s(adopted.time_s) / 60 for adopted in history.plans[1:]]
     for x in times:
         axes.axvline(x, color=ALARM, lw=1.1, ls="--", zorder=0.5)
-    if not label:
-        return
+    if label:
+        _replan_labels(axes, times)
+    return [Line2D([], [], color=ALARM, lw=1.1, ls="--", label="replan")] if times else []
+
+
+def _replan_labels(axes: Axes, times: list[float]) -> None:
     room = axes.get_xlim()[1] * 0.075
     groups: list[tuple[float, list[str]]] = []
     for number, x in enumerate(times, start=1):
@@ -255,8 +328,8 @@ def _replans(axes: Axes, history: History, label: bool = False) -> None:
     for x, numbers in groups:
         shown = numbers if len(numbers) <= 3 else [numbers[0], "…", numbers[-1]]
         axes.annotate(
-            f"replan {', '.join(shown)}", (x, 1.0), xycoords=("data", "axes fraction"), xytext=(3, -2),
-            textcoords="offset points", va="top", fontsize=7.5, color=ALARM,
+            f"replan {', '.join(shown)}", (x, 1.0), xycoords=("data", "axes fraction"), xytext=(3, -1),
+            textcoords="offset points", va="top", fontsize=8, color=ALARM,
             path_effects=[withStroke(linewidth=2, foreground="white")],
         )  # fmt: skip
 

@@ -18,6 +18,8 @@ from deploy.state import AIRBORNE, UavPhase, UgvPhase
 from deploy.status import Status
 
 Array = NDArray[np.float64]
+STANDSTILL_S = 15.0  # longer than turning on the spot and waiting for a command
+STILL_SHARE = 0.05  # of its speed: a pose's noise, not a drive
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,6 +172,23 @@ def phase_spans(history: History, vehicle: int, phase: UavPhase | UgvPhase) -> l
             span = Span(old.phase, old.start_s, span.end_s, old.doing, old.first, span.last)  # noqa: PLW2901
         merged.append(span)
     return merged
+
+
+def standstills(history: History, vehicle: int) -> list[Span]:
+    """When a UGV that was to drive stood for ``STANDSTILL_S`` or longer, whatever held it up."""
+    found = []
+    model = history.settings.problem.ugvs[vehicle - history.n_uavs] if vehicle >= history.n_uavs else None
+    for span in phase_spans(history, vehicle, UgvPhase.DRIVING) if model is not None else []:
+        t, place = history.mission_s[span.first : span.last + 1], history.world_m[span.first : span.last + 1, vehicle]
+        gone = np.hypot(*np.diff(place, axis=0).T)
+        slow = gone < STILL_SHARE * model.speed_mps * np.diff(t)
+        edges = np.flatnonzero(np.diff([0, *slow.astype(int).tolist(), 0]))
+        for a, b in zip(edges[::2], edges[1::2], strict=True):
+            if t[b] - t[a] >= STANDSTILL_S:
+                found.append(
+                    Span("standing", float(t[a]), float(t[b]), span.doing, span.first + int(a), span.first + int(b))
+                )
+    return found
 
 
 def collect(

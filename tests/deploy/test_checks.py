@@ -15,7 +15,7 @@ from rich.console import Console
 
 from deploy.check_backend import BackendProbe, probe_backend
 from deploy.check_chance import planner_row
-from deploy.check_limits import CERTAIN, CheckLimits, limits_of
+from deploy.check_limits import CERTAIN, CheckLimits
 from deploy.check_report import CheckReport, CheckRow, Verdict
 from deploy.check_table import check_lines, check_table
 from deploy.checks import check_plan
@@ -102,15 +102,7 @@ def test_every_check_is_documented() -> None:
     assert documented == [r.name for r in check(make_settings()).rows]
 
 
-def test_limits_come_from_any_section_with_their_names() -> None:
-    class Section:
-        energy_margin_warn = 0.3
-        samples = 50
-
-    limits = limits_of(Section())
-    assert (limits.energy_margin_warn, limits.samples) == (0.3, 50)
-    assert limits.validity_s == CheckLimits().validity_s
-    assert limits_of(SURE) is SURE
+def test_limits_that_contradict_each_other() -> None:
     with pytest.raises(ValueError, match="a failure is worse than a warning"):
         CheckLimits(energy_margin_warn=0.1, energy_margin_fail=0.2)
 

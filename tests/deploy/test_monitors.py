@@ -453,3 +453,9 @@ def test_which_ugv_stops() -> None:
     assert near_ugvs(driver(0, (0.0, 0.0, 0.0)), driver(1, (1.0, 0.0, 0.0))) == []  # parked side by side
     assert near_ugvs(driver(0, (0.0, 0.0, 0.0)), driver(1, (1.0, 0.0, 0.0), (50.0, 0.0))) == []  # leaves
     assert near_ugvs(driver(0, (0.0, 0.0, 0.0), (50.0, 0.0)), driver(1, (20.0, 0.0, 0.0), track=None)) == []
+
+
+def test_a_locked_vehicle_follows_nothing() -> None:
+    assert of_uav(phase=UavPhase.ON_PAD, telemetry=world.report("uav0", 100.0, locked=True)) == ["command_failed"]
+    assert of_ugv(telemetry=world.report("ugv0", 100.0, locked=True)) == ["command_failed"]
+    assert of_uav(phase=UavPhase.ON_PAD, telemetry=world.report("uav0", 100.0)) == []

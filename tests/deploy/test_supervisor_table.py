@@ -485,3 +485,15 @@ def test_everything_in_the_state_is_frozen() -> None:
 
 def test_situations_cover_what_can_be_overridden() -> None:
     assert {UAV_SITUATION[p] for p in P} | {UGV_SITUATION[p] for p in G} | {Situation.MISSION} == set(Situation)
+
+
+def test_a_refusal_of_what_a_ugv_is_not_under_any_more_changes_nothing_but_is_told() -> None:
+    state = scene(SETTINGS, uav_in(P.ON_PAD), ugv_in(G.DRIVING), done=1)
+    before = state.ugvs[0]
+    assert before.order is not None
+    result = supervisor.step(SETTINGS, state, seen(state, refusals=(Refusal(Arm("ugv0"), "test"),)))
+    after = result.state.ugvs[0]
+    assert after.phase is G.DRIVING and after.order is not None and after.order.command == before.order.command
+    assert [e.kind for e in result.events if e.kind is K.GATE_REFUSED] == [K.GATE_REFUSED]
+    again = supervisor.step(SETTINGS, result.state, seen(result.state, refusals=(Refusal(Arm("ugv0"), "test"),)))
+    assert not [e for e in again.events if e.kind is K.GATE_REFUSED]
