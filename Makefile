@@ -23,6 +23,8 @@ $(VENV)/.runtime: pyproject.toml constraints.txt
 	@.ci/venv $(VENV) $(PYTHON)
 	@echo "installing copcs-deploy into $(VENV) (a few minutes the first time)"
 	@$(PIP) install --constraint constraints.txt --editable .
+	@echo "compiling the planner and the simulation (once)"
+	@$(BIN)/copcs-deploy check mission_configs/lab.yaml >/dev/null 2>&1 || true  # its result does not matter here
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.runtime

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import combinations
 
 import matplotlib as mpl
@@ -56,7 +56,10 @@ def gantt(history: History) -> Figure:
         axes.set_ylim(-0.5, n - 0.25)
         axes.set_yticks(range(n), history.ids[::-1])
         axes.tick_params(axis="y", labelsize=10, labelcolor=INK)
-        handles = [Patch(facecolor=FAINT, label="flown, driven"), Patch(facecolor=WAITING, label="standing, waiting")]
+        handles: list[Artist] = [
+            Patch(facecolor=FAINT, label="flown, driven"),
+            Patch(facecolor=WAITING, label="standing, waiting"),
+        ]
         handles += [Patch(facecolor=RECHARGE, label="charging"), _strip(0.6, "plan in force")]
         if several:
             handles.append(_strip(0.3, "first plan"))
@@ -303,8 +306,10 @@ def _named(axes: Axes, y: float, text: str, *, above: bool) -> None:
     )  # fmt: skip
 
 
-def _legend(figure: Figure, handles: list[Artist]) -> None:
-    figure.legend(handles=handles, loc="outside lower center", ncols=min(5, len(handles)), frameon=False, fontsize=9)
+def _legend(figure: Figure, handles: Sequence[Artist]) -> None:
+    figure.legend(
+        handles=list(handles), loc="outside lower center", ncols=min(5, len(handles)), frameon=False, fontsize=9
+    )
 
 
 def _replans(axes: Axes, history: History, label: bool = False) -> list[Artist]:
