@@ -54,6 +54,8 @@ STYLE: Any = {
 }
 BOLT = Outline([(0.15, 1.0), (-0.55, -0.12), (-0.05, -0.12), (-0.2, -1.0), (0.55, 0.2), (0.02, 0.2), (0.15, 1.0)])
 RECHARGE = "#F0B400"
+TIGHT: Any = {"bbox_inches": "tight", "pad_inches": 0.08}  # maps keep their shape, so that paper is left over
+MARGIN = 0.025  # of the map's size, around it: what lies on its edge is drawn whole
 KM_FROM_M = 2000.0  # maps wider than this are drawn in km
 
 
@@ -66,7 +68,7 @@ def to_svg(figure: Figure) -> str:
     """The figure as an ``<svg>`` element that fills its parent's width and refers to nothing outside."""
     buffer = BytesIO()
     with mpl.rc_context(STYLE):
-        figure.savefig(buffer, format="svg", metadata={"Date": None})
+        figure.savefig(buffer, format="svg", metadata={"Date": None}, **TIGHT)
     text = buffer.getvalue().decode("utf-8")
     text = text[text.index("<svg") :]
     if "<metadata>" in text:
@@ -102,7 +104,9 @@ def plan_picture(
             axes, labels, problem, unit, _vehicle_handles(colours, problem) + _site_handles(bool(recharges))
         )
         words = (
-            f"makespan {plan.makespan_s / 60:.1f} min" if plan.feasible else f"infeasible: {plan.schedule.violation}"
+            f"last visit after {plan.makespan_s / 60:.1f} min"
+            if plan.feasible
+            else f"infeasible: {plan.schedule.violation}"
         )
         axes.set_title(f"{plan.method}: {words}", loc="left", fontsize=10)
         save(figure, path)
@@ -126,7 +130,7 @@ def save(figure: Figure, path: Path) -> None:
         DeployError: when the file cannot be written.
     """
     try:
-        figure.savefig(path, dpi=200, metadata={"Date": None} if path.suffix == ".svg" else None)
+        figure.savefig(path, dpi=200, metadata={"Date": None} if path.suffix == ".svg" else None, **TIGHT)
     except (OSError, ValueError) as error:
         raise DeployError(f"{path}: cannot write the picture: {error}; give a .png or .svg file") from error
 
@@ -139,7 +143,7 @@ def run_figure(history: History, drawing: MapDrawing, width_in: float = 7.4) -> 
         unit = draw_map(axes, drawing)
         problem = history.settings.problem
         colours = vehicle_colours(problem)
-        fenced = _draw_fence(axes, history, drawing, unit)
+        fenced = _draw_fence(axes, history, unit)
         paths: Sequence[PlannedPath] = ()
         if history.plans:
             first = history.plans[0]
@@ -193,8 +197,9 @@ def draw_map(axes: Axes, drawing: MapDrawing) -> float:
         axes.plot(*(line / unit).T, color=ROAD_COLOUR, lw=2.6, solid_capstyle="round", zorder=2)
     for line in drawing.lines:
         axes.plot(*(line / unit).T, color="white", lw=1.2, solid_capstyle="round", zorder=2.1)
-    axes.set_xlim(x0 / unit, x1 / unit)
-    axes.set_ylim(y0 / unit, y1 / unit)
+    margin = MARGIN * max(x1 - x0, y1 - y0)
+    axes.set_xlim((x0 - margin) / unit, (x1 + margin) / unit)
+    axes.set_ylim((y0 - margin) / unit, (y1 + margin) / unit)
     axes.set_aspect("equal")
     axes.set_xlabel(f"east, {name}")
     axes.set_ylabel(f"north, {name}")
@@ -217,21 +222,21 @@ def draw_sites(axes: Axes, problem: Problem, unit: float) -> list[Label]:
             zorder=6,
         )
     x, y = problem.depot[0] / unit, problem.depot[1] / unit
-    axes.scatter([x], [y], s=95, marker="p", facecolor=INK, edgecolor="white", linewidth=1.0, zorder=9)
-    labels = [Label(float(p[0]), float(p[1]), f"P{i}", 7.0, "#555555") for i, p in enumerate(points)]
-    return [Label(x, y, "depot", 8.5, INK, bold=True), *labels]
+    axes.scatter([x], [y], s=95, marker="p", facecolor=INK, edgecolor="white", linewidth=1.0, zorder=6.5)
+    labels = [Label(float(p[0]), float(p[1]), f"P{i}", 8.0, "#444444") for i, p in enumerate(points)]
+    return [Label(x, y, "depot", 9.0, INK, bold=True), *labels]
 
 
 def draw_tasks(axes: Axes, problem: Problem, unit: float, colour_of: Mapping[int, str]) -> None:
     """Draws tasks as numbered discs in their UAV's colour; the others stay hollow."""
-    size = 120 if problem.n_tasks <= 60 else 40
+    size = 150 if problem.n_tasks <= 60 else 40
     for task, (x, y) in enumerate(problem.tasks / unit):
         colour = colour_of.get(task)
         face, edge, ink = (colour, "white", "white") if colour else ("white", ALARM, ALARM)
         axes.scatter([x], [y], s=size, facecolor=face, edgecolor=edge, linewidth=1.2, zorder=8)
         if size > 100:
             axes.text(
-                x, y, str(task), color=ink, ha="center", va="center_baseline", fontsize=6.3, weight="bold", zorder=8.5
+                x, y, str(task), color=ink, ha="center", va="center_baseline", fontsize=7.0, weight="bold", zorder=8.5
             )
 
 
@@ -260,15 +265,15 @@ def _draw_line(axes: Axes, points: Array, colour: str, kind: str) -> None:
     axes.plot(*points.T, color=colour, lw=width, zorder=z, path_effects=stroke, solid_joinstyle="round")
 
 
-def _draw_fence(axes: Axes, history: History, drawing: MapDrawing, unit: float) -> bool:
+def _draw_fence(axes: Axes, history: History, unit: float) -> bool:
     """Draws the geofence and says whether it is within the picture."""
     to_world = history.settings.frame.to_world
-    ring = np.array([to_world(p) for p in history.settings.geofence.polygon_m])
-    x0, x1, y0, y1 = drawing.extent
+    ring = np.array([to_world(p) for p in history.settings.geofence.polygon_m]) / unit
+    (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
     inside = (ring >= (x0, y0)).all(axis=1) & (ring <= (x1, y1)).all(axis=1)
     if not inside.all():
         return False
-    axes.add_patch(Polygon(ring / unit, closed=True, fill=False, edgecolor=ALARM, lw=1.0, ls=":", zorder=3))
+    axes.add_patch(Polygon(ring, closed=True, fill=False, edgecolor=ALARM, lw=1.0, ls=":", zorder=3))
     return True
 
 
@@ -315,6 +320,6 @@ def _label_and_legend(
 ) -> None:
     columns = min(5, len(handles))
     axes.figure.legend(
-        handles=list(handles), loc="outside lower center", ncols=columns, frameon=False, fontsize=8.5, handlelength=2.2
+        handles=list(handles), loc="outside lower center", ncols=columns, frameon=False, fontsize=9, handlelength=2.2
     )
     place(axes, labels, np.vstack([problem.tasks, problem.sites]) / unit)

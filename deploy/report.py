@@ -19,7 +19,16 @@ from deploy.drawing import MapDrawing
 from deploy.errors import DeployError
 from deploy.events import Severity
 from deploy.recording_read import read
-from deploy.report_history import History, Lateness, VisitMade, charger, collect, from_recording, phase_spans
+from deploy.report_history import (
+    History,
+    Lateness,
+    VisitMade,
+    charger,
+    collect,
+    from_recording,
+    phase_spans,
+    standstills,
+)
 from deploy.report_safety import Safety, Violation, judge
 from deploy.settings import Settings
 from deploy.state import MissionPhase, UavPhase, UgvPhase
@@ -64,8 +73,8 @@ class VehicleReport:
         phase: its last.
         tasks, recharges: visited, had (a UGV: given).
         distance_m: way made good in the world, m.
-        moving_s: airborne, or driving; mission s.
-        waiting_s: hovering at a rendezvous.
+        moving_s: airborne, or driving without standing still; mission s.
+        waiting_s: hovering at a rendezvous; of a UGV, standing on its way.
         charging_s: on a dock.
         energy_used_j: what flying or driving took; energy charged or given away is apart.
         energy_end_j: what is left.
@@ -239,6 +248,7 @@ def _vehicles(history: History, safety: Safety) -> tuple[VehicleReport, ...]:
         uav = v < history.n_uavs
         phase = history.phase[:, v]
         moving = history.airborne[:, v] if uav else phase == str(UgvPhase.DRIVING)
+        stood_s = math.fsum(span.end_s - span.start_s for span in standstills(history, v))
         served = _served(history, name) if not uav else len(phase_spans(history, v, UavPhase.CHARGING))
         charged = _charged(history, v) if uav else -(_given(history, name) or 0.0)
         energy = history.energy_j[:, v][~np.isnan(history.energy_j[:, v])]
@@ -251,8 +261,8 @@ def _vehicles(history: History, safety: Safety) -> tuple[VehicleReport, ...]:
                 tasks=sum(visit.uav == name for visit in history.visits),
                 recharges=served,
                 distance_m=float(np.hypot(steps[:, 0], steps[:, 1]).sum()),
-                moving_s=float(hours[moving].sum()),
-                waiting_s=float(hours[phase == str(UavPhase.WAITING)].sum()) if uav else 0.0,
+                moving_s=float(hours[moving].sum()) - stood_s,
+                waiting_s=float(hours[phase == str(UavPhase.WAITING)].sum()) if uav else stood_s,
                 charging_s=float(hours[phase == str(UavPhase.CHARGING)].sum()) if uav else 0.0,
                 energy_used_j=max(0.0, float(energy[0] - energy[-1]) + (charged or 0.0)) if len(energy) else None,
                 energy_end_j=float(energy[-1]) if len(energy) else None,

@@ -99,13 +99,13 @@ def energy(history: History) -> Figure:
             for adopted in history.plans[:1]:
                 axes.plot(*_planned_energy(adopted, u, uav.energy_j), color=FAINT, lw=1.2, ls=FIRST)
             for adopted, begin, end in _in_force(history)[1:]:
-                have = float(np.interp(adopted.zero_s, history.mission_s, history.energy_j[:, u]))
+                have = adopted.problem.uavs[u].energy_j if adopted.problem else np.nan
                 x, y = _within(*_planned_energy(adopted, u, have), begin, end)
                 axes.plot(x, y, color=INK, lw=1.2, ls=LATER)
             axes.axhline(uav.reserve_j / 1000, color=ALARM, lw=1.0)
             axes.set_ylim(0, uav.capacity_j / 1000 * 1.08)
             axes.set_xlim(0, _end_min(history) * 1.01 or 1)
-            _named(axes, uav.reserve_j / 1000, "reserve", above=True)
+            _named(axes, uav.reserve_j / 1000, "reserve", above=False)
             marks = [*_replans(axes, history), *_tail(axes, history)]
             _finish(axes)
             axes.set_ylabel("energy, kJ")
@@ -138,7 +138,7 @@ def flight(history: History) -> Figure:
         ceiling = history.settings.geofence.ceiling_m
         axes.axhline(ceiling, color=ALARM, lw=1.0)
         axes.set_ylim(0, ceiling * 1.2)
-        _named(axes, ceiling, "ceiling", above=False)
+        _named(axes, ceiling, "ceiling", above=True)
         axes.set_ylabel("altitude, m")
         if pairs and len(t):
             axes = grid[1]
@@ -153,7 +153,7 @@ def flight(history: History) -> Figure:
             axes.yaxis.set_major_formatter(lambda y, _: f"{y:,g}")
             axes.yaxis.set_minor_locator(NullLocator())
             axes.set_ylim(bottom=limit_m / 3)
-            _named(axes, limit_m, "least allowed on one level", above=True)
+            _named(axes, limit_m, "least allowed on one level", above=False)
             axes.set_ylabel("horizontal, m")
         grid[-1].set_xlabel("mission time, min")
         _legend(figure, [*handles, *marks])
@@ -240,7 +240,8 @@ def _task_marks(axes: Axes, history: History) -> None:
 
 
 def _planned_energy(adopted: Adopted, uav: int, start_j: float) -> tuple[list[float], list[float]]:
-    times, joules = [adopted.zero_s], [start_j]
+    ready_s = adopted.problem.uavs[uav].ready_s if adopted.problem else 0.0
+    times, joules = [adopted.zero_s + ready_s], [start_j]
     for row in adopted.plan.schedule.actions:
         action = adopted.plan.actions[row.action]
         if isinstance(action, Move) or action.uav != uav:
@@ -259,9 +260,8 @@ def _planned_energy(adopted: Adopted, uav: int, start_j: float) -> tuple[list[fl
 
 def _in_force(history: History) -> list[tuple[Adopted, float, float]]:
     """Each plan with the time in min from which and to which it was in force; the last one to its own end."""
-    begins = [history.to_mission_s(adopted.time_s) / 60 for adopted in history.plans]
-    begins[:1] = [-np.inf] * len(begins[:1])
-    return list(zip(history.plans, begins, [*begins[1:], np.inf], strict=True))
+    changes = [history.to_mission_s(adopted.time_s) / 60 for adopted in history.plans[1:]]
+    return list(zip(history.plans, [-np.inf, *changes], [*changes, np.inf], strict=False))
 
 
 def _clipped(bars: list[tuple[float, float, str]], begin: float, end: float) -> list[tuple[float, float, str]]:
@@ -270,8 +270,8 @@ def _clipped(bars: list[tuple[float, float, str]], begin: float, end: float) -> 
 
 def _within(x: list[float], y: list[float], begin: float, end: float) -> tuple[Array, Array]:
     """The part of a line, given by its corners, from x ``begin`` to ``end``."""
-    stop = min(end, x[-1])
-    at = np.array(sorted({begin, stop, *(v for v in x if begin < v < stop)})) if begin < stop else np.zeros(0)
+    start, stop = max(begin, x[0]), min(end, x[-1])
+    at = np.array(sorted({start, stop, *(v for v in x if start < v < stop)})) if start < stop else np.zeros(0)
     return at, np.interp(at, x, y)
 
 
@@ -307,9 +307,8 @@ def _named(axes: Axes, y: float, text: str, *, above: bool) -> None:
 
 
 def _legend(figure: Figure, handles: Sequence[Artist]) -> None:
-    figure.legend(
-        handles=list(handles), loc="outside lower center", ncols=min(5, len(handles)), frameon=False, fontsize=9
-    )
+    columns = len(handles) if len(handles) <= 6 else -(-len(handles) // 2)
+    figure.legend(handles=list(handles), loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
 
 
 def _replans(axes: Axes, history: History, label: bool = False) -> list[Artist]:

@@ -176,9 +176,11 @@ def phase_spans(history: History, vehicle: int, phase: UavPhase | UgvPhase) -> l
 
 def standstills(history: History, vehicle: int) -> list[Span]:
     """When a UGV that was to drive stood for ``STANDSTILL_S`` or longer, whatever held it up."""
-    found = []
-    model = history.settings.problem.ugvs[vehicle - history.n_uavs] if vehicle >= history.n_uavs else None
-    for span in phase_spans(history, vehicle, UgvPhase.DRIVING) if model is not None else []:
+    found: list[Span] = []
+    if vehicle < history.n_uavs:
+        return []
+    model = history.settings.problem.ugvs[vehicle - history.n_uavs]
+    for span in phase_spans(history, vehicle, UgvPhase.DRIVING):
         t, place = history.mission_s[span.first : span.last + 1], history.world_m[span.first : span.last + 1, vehicle]
         gone = np.hypot(*np.diff(place, axis=0).T)
         slow = gone < STILL_SHARE * model.speed_mps * np.diff(t)

@@ -45,13 +45,13 @@ def page(report: Report, history: History, drawing: MapDrawing) -> str:
         colours=vehicle_colours(history.settings.problem),
         arena_scale=history.settings.frame.scale,
         separation=history.settings.separation,
-        map=_svg(pictures.run_figure(history, drawing, width_in=6.2)),
+        map=_svg(pictures.run_figure(history, drawing, width_in=5.6)),
         gantt=_svg(report_charts.gantt(history)),
         energy=_svg(report_charts.energy(history)),
         flight=_svg(report_charts.flight(history)),
         events=[
             {
-                "time": clock(history.to_mission_s(event.time_s)),
+                "time": clock(max(0.0, history.to_mission_s(event.time_s))),
                 "severity": event.severity.name.lower(),
                 "kind": words(event.kind.value),
                 "vehicle": event.vehicle or "mission",

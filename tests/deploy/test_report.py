@@ -16,6 +16,8 @@ from deploy.events import Action, Event, EventKind, Severity
 from deploy.frames import Frame
 from deploy.recording import Recorder, read
 from deploy.report import Lateness, Report, build, collect, from_recording, make
+from deploy.report_charts import WAITING, _actual_bars, _clipped, _in_force, _within
+from deploy.report_history import standstills
 from deploy.report_html import clock, kj, km, metres, page
 from deploy.status import Status, VehicleStatus
 
@@ -91,6 +93,32 @@ def test_a_charge_without_words_belongs_to_the_nearest_ugv():
     history = by_hand()
     silent = replace(history, doing=np.where(history.phase == "charging", "", history.doing))
     assert build(silent).vehicles[3].recharges == 1
+
+
+def test_a_ugv_that_stalls_on_its_way_stands():
+    history = by_hand()
+    place = history.position_m.copy()
+    place[8:14, 2] = place[8, 2]  # from 80 s to 130 s
+    stalled = replace(history, position_m=place)
+    (span,) = standstills(stalled, 2)
+    assert (span.start_s, span.end_s) == (80.0, 130.0)
+    ugv0 = build(stalled).vehicles[2]
+    assert (ugv0.moving_s, ugv0.waiting_s) == (150.0, 50.0)
+    assert standstills(stalled, 0) == standstills(history, 2) == []
+    assert (80.0 / 60, 130.0 / 60, WAITING) in _actual_bars(stalled, 2, "red")
+
+
+def test_a_plan_is_drawn_while_it_is_in_force(run):
+    history = from_recording(read(run[0]), run[1])
+    (first, begin, change), (second, again, end) = _in_force(history)
+    assert (first, second) == history.plans
+    assert (begin, end) == (-np.inf, np.inf)
+    assert change == again == pytest.approx(1300.0 / 60)
+    bars = [(0.0, 10.0, "a"), (15.0, 30.0, "b"), (40.0, 50.0, "c")]
+    assert _clipped(bars, 5.0, 20.0) == [(5.0, 10.0, "a"), (15.0, 20.0, "b")]
+    x, y = _within([0.0, 10.0, 20.0], [0.0, 100.0, 0.0], 5.0, np.inf)
+    assert (x.tolist(), y.tolist()) == ([5.0, 10.0, 20.0], [50.0, 100.0, 0.0])
+    assert _within([0.0, 1.0], [0.0, 1.0], 2.0, 3.0)[0].size == 0
 
 
 def test_outcomes():
