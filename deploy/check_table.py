@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rich import box
 from rich.table import Table
 from rich.text import Text
 
@@ -12,7 +13,11 @@ _STYLE = {Verdict.PASS: "green", Verdict.WARN: "yellow", Verdict.FAIL: "bold red
 
 def check_table(report: CheckReport) -> Table:
     """A rich table: verdict, name, measured and limit, and what it means; one section per group."""
-    table = Table(title="Pre-flight checks", caption=report.summary, header_style="bold", expand=False)
+    # no frame: at 80 columns the words need the room
+    table = Table(
+        title="Pre-flight checks", caption=report.summary, header_style="bold", box=box.SIMPLE_HEAD, show_edge=False,
+        pad_edge=False, padding=(0, 2, 0, 0),
+    )  # fmt: skip
     table.add_column("", no_wrap=True)
     table.add_column("check", no_wrap=True)
     table.add_column("measured", justify="right", no_wrap=True)

@@ -6,7 +6,9 @@ import functools
 import json
 import math
 import os
+import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, ParamSpec
@@ -111,8 +113,12 @@ def duration_text(seconds: float | None) -> str:
 
 
 def show_rows(rows: Iterable[tuple[str, str]]) -> None:
-    """Names and values, one a line, for people and ``grep``."""
+    """Names and values, one a line, for people and ``grep``; in a terminal, long words go on below their beginning."""
     rows = list(rows)
     width = max(len(name) for name, _ in rows)
+    room = max(20, shutil.get_terminal_size().columns - width - 2) if sys.stdout.isatty() else sys.maxsize
     for name, value in rows:
-        print(f"{name:<{width}}  {value}")
+        lines = textwrap.wrap(value, room, break_long_words=False, break_on_hyphens=False) or [""]
+        print(f"{name:<{width}}  {lines[0]}")
+        for line in lines[1:]:
+            print(f"{'':<{width}}  {line}")

@@ -15,7 +15,7 @@ from rich.live import Live
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from deploy.events import Event, Severity
-from deploy.screen import Header, clock_text, render
+from deploy.screen import Header, clock_text, render, what_text
 from deploy.status import Status
 
 REFRESH_S = 0.1
@@ -119,7 +119,7 @@ class PlainDisplay:
         for event in events:
             mission_s = max(0.0, (event.time_s - self._start_s) / self._time_scale)
             level = "" if event.severity is Severity.INFO else f"{event.severity.name.lower()}: "
-            self._print(f"{clock_text(mission_s):>8}  {event.vehicle or '-':<8} {level}{event.text}")
+            self._print(f"{clock_text(mission_s):>8}  {event.vehicle or '-':<8} {level}{what_text(event)}")
 
     def end(self) -> None:
         """Nothing more to show."""

@@ -60,7 +60,7 @@ def gantt(history: History) -> Figure:
             Patch(facecolor=FAINT, label="flown, driven"),
             Patch(facecolor=WAITING, label="standing, waiting"),
         ]
-        handles += [Patch(facecolor=RECHARGE, label="charging"), _strip(0.6, "plan in force")]
+        handles += [Patch(facecolor=RECHARGE, label="charging"), _strip(0.6, "plan in force" if several else "plan")]
         if several:
             handles.append(_strip(0.3, "first plan"))
         lines = _replans(axes, history, label=True)
@@ -87,7 +87,9 @@ def energy(history: History) -> Figure:
         t, keep = history.mission_s / 60, _spread(len(history.mission_s))
         handles: list[Artist] = [Line2D([], [], color=FAINT, lw=1.8, label="energy")]
         if history.plans:
-            handles.append(Line2D([], [], color=FAINT, lw=1.2, ls=FIRST, label="first plan"))
+            handles.append(
+                Line2D([], [], color=FAINT, lw=1.2, ls=FIRST, label="first plan" if len(history.plans) > 1 else "plan")
+            )
         if len(history.plans) > 1:
             handles.append(Line2D([], [], color=INK, lw=1.2, ls=LATER, label="replanned"))
         handles.append(Patch(facecolor=RECHARGE, alpha=0.3, label="charging"))

@@ -68,6 +68,11 @@ def clock_text(seconds: float) -> str:
     return f"{whole // 3600}:{whole // 60 % 60:02}:{whole % 60:02}"
 
 
+def what_text(event: Event) -> str:
+    """An event's text without the name of its vehicle in front, for where that stands before it already."""
+    return event.text.removeprefix(f"{event.vehicle} ")
+
+
 def bar(fraction: float, width: int, style: str) -> Text:
     """A bar of ``width`` cells, to an eighth of a cell."""
     cells = min(max(fraction, 0.0), 1.0) * width if math.isfinite(fraction) else 0.0
@@ -107,9 +112,12 @@ def _head(status: Status, width: int) -> RenderableType:
     tasks = Text.assemble("tasks ", bar(done / total if total else 1.0, 24 if width >= WIDE else 12, "green3"))
     tasks.append(f" {done}/{total}")
     clock = Text(clock_text(status.mission_s), style="bold")
-    if status.predicted_makespan_s is not None and math.isfinite(status.predicted_makespan_s):
-        clock.append(f" of {clock_text(status.predicted_makespan_s)}", style="not bold dim")
-    plan = Text(f"plan {status.plan_number}" + ("" if status.plan_number == 0 else " (replanned)"), style="dim")
+    end_s = status.predicted_makespan_s
+    if (
+        end_s is not None and math.isfinite(end_s) and end_s >= status.mission_s
+    ):  # after the last visit it means nothing
+        clock.append(f" of {clock_text(end_s)}", style="not bold dim")
+    plan = Text(_plan(status.plan_number), style="dim")
     grid = Table.grid(expand=True, padding=(0, 2))
     grid.add_column(no_wrap=True, min_width=12)  # the longest state, so that nothing moves when it changes
     grid.add_column(no_wrap=True, min_width=tasks.cell_len)
@@ -117,6 +125,10 @@ def _head(status: Status, width: int) -> RenderableType:
     grid.add_column(no_wrap=True, justify="right")
     grid.add_row(state, tasks, plan, clock)
     return grid
+
+
+def _plan(number: int) -> str:
+    return "first plan" if number == 0 else f"{number} replan{'s' if number > 1 else ''}"
 
 
 def _vehicles(vehicles: Sequence[VehicleStatus], width: int) -> RenderableType:
@@ -168,15 +180,13 @@ def _events(status: Status, events: Sequence[Event], lines: int, time_scale: flo
     start_s = status.now_s - status.mission_s * time_scale
     grid = Table.grid(expand=True, padding=(0, 1))
     grid.add_column(no_wrap=True, justify="right", style="dim", min_width=8)
-    grid.add_column(no_wrap=True, min_width=6)
     grid.add_column(no_wrap=True, ratio=1, overflow="ellipsis")
     for event in events:
         mission_s = max(0.0, (event.time_s - start_s) / time_scale)
+        who = "" if event.vehicle is None else f"{event.vehicle} "
         grid.add_row(
-            clock_text(mission_s),
-            Text(event.vehicle or "", style="bold"),
-            Text(event.text, style=_EVENT_STYLE[event.severity]),
+            clock_text(mission_s), Text.assemble((who, "bold"), (what_text(event), _EVENT_STYLE[event.severity]))
         )
     for _ in range(lines - len(events)):
-        grid.add_row("", "", "")
+        grid.add_row("", "")
     return grid

@@ -64,10 +64,24 @@ def test_screen_fits(width: int, vehicles: int) -> None:
 
 def test_screen_shows_what_matters() -> None:
     text = "\n".join(picture(80))
-    for words in ("RUNNING", "1/3", "0:03:20 of 1:06:00", "plan 1", "uav0", "task 7", "50 %", "45 s", "Ctrl-C"):
+    for words in ("RUNNING", "1/3", "0:03:20 of 1:06:00", "1 replan ", "uav0", "task 7", "50 %", "45 s", "Ctrl-C"):
         assert words in text
     # an event at loop time 60 of a mission that began at 10 and runs twice as fast as its clock
     assert "0:01:40" in text
+
+
+def test_what_is_over_or_said_already_is_left_out() -> None:
+    def shown(**changes: object) -> str:
+        console = Console(width=80, file=io.StringIO(), color_system=None)
+        console.print(render(HEADER, status(**changes), [event("uav0 has visited task 7 (1/15)")], 80, 24))  # type: ignore[arg-type]
+        return console.file.getvalue()  # type: ignore[attr-defined, no-any-return]
+
+    assert "first plan" in shown(plan_number=0)
+    assert "2 replans" in shown(plan_number=2)
+    assert "0:03:20 of 0:03:20" in shown(predicted_makespan_s=200.0)
+    assert " of " not in shown(predicted_makespan_s=199.0)  # the last visit is over
+    assert shown().count("uav0 has visited task 7") == 1
+    assert "uav0 uav0" not in shown()
 
 
 def test_screen_of_a_vehicle_of_which_nothing_is_known() -> None:
