@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_val
 
 from deploy.check_limits import CheckLimits
 from deploy.events import Action, EventKind
+from deploy.failsafe import override_problem
 from deploy.settings import Monitors, NotNegative, Positive, Replanning, Separation
 from planner.solve import METHODS
 from sim_backends.faults import Fault
@@ -251,7 +252,7 @@ class MissionConfig(Section):
     replanning: Replanning = Replanning()
     """When to plan anew in flight."""
     failsafe: dict[str, str] = Field(default_factory=dict)
-    """Overrides of the failsafe table: ``event`` or ``event/phase`` to action."""
+    """Overrides of the failsafe table: ``event`` or ``event/situation`` to action."""
     checks: CheckLimits = CheckLimits()
     """What a plan must hold."""
     faults: tuple[Fault, ...] = Field(default=(), max_length=1000)
@@ -266,9 +267,12 @@ class MissionConfig(Section):
         for row, action in table.items():
             event = row.partition("/")[0]
             if event not in events:
-                raise ValueError(f"{row!r} is no event{suggestion(event, events)}; give `event` or `event/phase`")
+                raise ValueError(f"{row!r} is no event{suggestion(event, events)}; give `event` or `event/situation`")
             if action not in {a.name.lower() for a in Action}:
                 raise ValueError(f"{action!r} (for {row!r}) is no action; choose one of {_names()}")
+            wrong = override_problem(row, action)
+            if wrong is not None:
+                raise ValueError(wrong)
         return table
 
 

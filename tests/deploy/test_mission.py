@@ -202,10 +202,10 @@ def test_random_tasks_and_placed_points_repeat(tmp_path: Path) -> None:
 
 
 def test_failsafe_and_faults_pass_through(tmp_path: Path) -> None:
-    base = changed(MISSION, "failsafe", {"pose_stale": "hold", "link_lost/flying": "land_here"})
+    base = changed(MISSION, "failsafe", {"pose_stale": "hold", "link_lost/air": "hold"})
     base = changed(base, "faults", [{"kind": "ugv_stall", "vehicle": "ugv0", "at_s": 5, "duration_s": 60}])
     mission = load(write(tmp_path, mission=changed(base, "random_faults", {"count": 2, "seed": 3})))
-    assert mission.settings.failsafe == {"pose_stale": "hold", "link_lost/flying": "land_here"}
+    assert mission.settings.failsafe == {"pose_stale": "hold", "link_lost/air": "hold"}
     assert mission.faults[0].duration_s == 60
     assert mission.random_faults is not None
     assert mission.random_faults.count == 2

@@ -108,6 +108,13 @@ CASES: dict[str, tuple[dict[str, Any], str, str, tuple[str, ...]]] = {
         "failsafe",
         ("'pose_stal'", "pose_stale"),
     ),
+    "failsafe situation": (
+        mission("failsafe", {"link_lost/flying": "hold"}),
+        "mission.yaml",
+        "failsafe",
+        ("'flying'", "air, docking"),
+    ),
+    "failsafe fixed": (mission("failsafe", {"tumbled": "note"}), "mission.yaml", "failsafe", ("tumbled", "cannot")),
     "failsafe action": (mission("failsafe", {"pose_stale": "stop"}), "mission.yaml", "failsafe", ("'stop'", "hold")),
     "no budget": (mission("planner", {"time_s": None}), "mission.yaml", "planner", ("time_s", "never end")),
     "method": (mission("planner.method", "serch"), "mission.yaml", "planner.method", ("'serch'", "'search'")),
