@@ -83,7 +83,7 @@ def run(
 ) -> int:
     """Plan a mission, check it, fly it and report.
 
-    Ctrl-C once holds the team and brings everybody down; twice stops all motors at once.
+    Ctrl-C once brings everybody down; twice stops all motors at once.
     """
     from deploy.cli_run import run as command  # noqa: PLC0415
 

@@ -135,7 +135,7 @@ class Arena(Section):
     ceiling_m: Positive = 120.0
     """Highest altitude, arena m."""
     soft_margin_m: NotNegative = 10.0
-    """This close to the geofence or the ceiling is a warning and turns the vehicle back, arena m."""
+    """This close to the geofence or the ceiling is a warning, arena m."""
     layers: Layers = Layers()
     """Cruise altitudes."""
     pad_spacing_m: Positive | None = None

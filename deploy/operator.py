@@ -120,7 +120,7 @@ class SignalOperator(QueueOperator):
         self._presses += 1
         if self._presses == 1:
             self.wish("recover")
-            self._say("Ctrl-C: holding, then bringing everybody down; once more stops all motors at once")
+            self._say("Ctrl-C: bringing everybody down; once more stops all motors at once")
         elif self._presses == 2:
             self._stopped_at_s = time.monotonic()
             self.wish("stop")

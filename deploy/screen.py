@@ -38,7 +38,7 @@ _EVENT_STYLE = {
     Severity.ERROR: "red",
     Severity.CRITICAL: "bold white on red3",
 }
-_HINT = "Ctrl-C: hold and bring everybody down · twice: stop all motors"
+_HINT = "Ctrl-C: bring everybody down · twice: stop all motors"
 WIDE = 110
 """From this width on positions and longer bars fit."""
 _FRAME = 8
