@@ -135,7 +135,7 @@ class SignalOperator(QueueOperator):
         if "recover" not in self.wished:
             self._presses = max(self._presses, 1)
             self.wish("recover")
-            self._say(f"{signal.Signals(number).name}: holding, then bringing everybody down")
+            self._say(f"{signal.Signals(number).name}: bringing everybody down")
 
 
 class ScriptedOperator(_Open):
