@@ -13,6 +13,7 @@ from deploy.estimate import charge_duration_s
 from deploy.events import Action, EventKind
 from deploy.failsafe import Situation, action_for
 from deploy.flightpath import TimedPath, column, resting, straight
+from deploy.margin import FULL
 from deploy.monitors import climbed, energy_on_dock_j, only_landing_is_left, would_turn_back
 from deploy.state import AIRBORNE, UAV_FINAL, MissionPhase, UavPhase, UavState
 from deploy.turn import RESTING, Turn
@@ -20,7 +21,6 @@ from drivers.vehicle import Arm, Dock, GoTo, Hold, Land, StopMotors, TakeOff, Ve
 from planner.plan import Recharge, Visit
 
 RETRY_S = 1.0
-FULL = 0.995
 OVERTIME = 2.0  # of the time that a charge should take
 ON_THE_GROUND = 0.5  # of the cruise altitude: below it and not airborne counts as landed
 P = UavPhase

@@ -92,7 +92,7 @@ def charge_duration_s(settings: Settings, ugv: int, uav: int, energy_j: float) -
     return max(0.0, u.capacity_j - energy_j) / g.charge_w
 
 
-def _measured_j(telemetry: VehicleState | None, capacity_j: float) -> float | None:
+def measured_j(telemetry: VehicleState | None, capacity_j: float) -> float | None:
     """What the battery says, in J; None where it says nothing, or no number."""
     battery = None if telemetry is None else telemetry.battery
     if battery is None or not math.isfinite(battery):
@@ -105,8 +105,8 @@ def uav_energy(
 ) -> float:
     """Energy left, in J: measured where the battery says it, else by the planner's power model."""
     model = settings.problem.uavs[uav.index]
-    if config.energy == "measured" and (measured_j := _measured_j(telemetry, model.capacity_j)) is not None:
-        return measured_j
+    if config.energy == "measured" and (told_j := measured_j(telemetry, model.capacity_j)) is not None:
+        return told_j
     dt_s = max(0.0, now_s - uav.energy_s) / settings.frame.time_scale
     if uav.phase is UavPhase.CHARGING and uav.docked is not None:
         full_s = charge_duration_s(settings, uav.docked[0], uav.index, uav.charge_from_j)
@@ -118,8 +118,8 @@ def uav_energy(
 
 
 def flying_power_w(model: Uav, uav: UavState, config: UavSettings) -> float:
-    """Power in the air at the observed speed: between hovering and cruising power."""
-    speed_mps = uav.track.speed_mps if uav.track is not None else 0.0
+    """Power in the air at the observed speed over ground: between hovering and cruising power."""
+    speed_mps = math.hypot(*uav.track.velocity_mps[:2]) if uav.track is not None else 0.0
     share = min(1.0, speed_mps / config.speed_mps)
     return model.hover_w + share * (model.cruise_w - model.hover_w)
 
@@ -129,8 +129,8 @@ def ugv_energy(
 ) -> float:
     """Energy left, in J; the virtual one does not yet count what the UAVs took (``dispatch`` takes that off)."""
     model = settings.problem.ugvs[ugv.index]
-    if config.energy == "measured" and (measured_j := _measured_j(telemetry, model.capacity_j)) is not None:
-        return measured_j
+    if config.energy == "measured" and (told_j := measured_j(telemetry, model.capacity_j)) is not None:
+        return told_j
     dt_s = max(0.0, now_s - ugv.energy_s) / settings.frame.time_scale
     power_w = model.drive_w if ugv.phase is UgvPhase.DRIVING else model.idle_w
     return max(0.0, ugv.energy_j - power_w * dt_s)

@@ -47,6 +47,10 @@ class TimedPath:
         """The path up to ``time_s``, which must lie after its first knot; it ends there."""
         return TimedPath((*(k for k in self.knots if k[0] < time_s), (time_s, *self.at(time_s))))
 
+    def later(self, by_s: float) -> TimedPath:
+        """The same path, ``by_s`` later."""
+        return TimedPath(tuple((t + by_s if t < FOREVER_S else t, x, y, z) for t, x, y, z in self.knots))
+
     def at(self, time_s: float) -> Vec3:
         """Position at ``time_s``."""
         previous = self.knots[0]

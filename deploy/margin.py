@@ -1,4 +1,4 @@
-"""Planning with a margin above the reserve, and without it where no plan exists otherwise."""
+"""Planning for what is really flown, with a margin above the reserve where a plan exists that keeps it."""
 
 from __future__ import annotations
 
@@ -6,21 +6,39 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from planner.plan import Plan, Visit
-from planner.problem import Problem
+from planner.problem import Problem, Uav
 from planner.schedule import evaluate, predict
 from planner.solve import Params, Stop, solve
 
+FULL = 0.995  # of capacity: more is not waited for
+KEPT_TO_FLY = 0.5
 
-def with_margin(problem: Problem, margin: float) -> Problem:
-    """The problem with each UAV's reserve raised by the share ``margin`` of its capacity.
 
-    A UAV that has little already keeps half of what it has to fly with: it must still be able to be planned for.
+def as_flown(problem: Problem, *, docking: bool = True) -> Problem:
+    """The problem with what docks really cost: the planner's take time but no energy (design section 2).
+
+    A UAV that leaves a dock has hovered up to its layer, and a charger ends a little short of full. One docking is kept
+    above reserve, so that a plan does not land on less (``docking`` false leaves that out).
     """
+    down_s = max((g.dock_s for g in problem.ugvs), default=0.0) if docking else 0.0
+    up_s = max((g.undock_s for g in problem.ugvs), default=0.0)
     uavs = tuple(
-        replace(u, reserve_j=max(u.reserve_j, min(u.reserve_j + margin * u.capacity_j, 0.5 * u.energy_j)))
+        replace(u, capacity_j=FULL * u.capacity_j - u.hover_w * up_s, reserve_j=_raised(u, u.hover_w * down_s))
         for u in problem.uavs
     )
     return replace(problem, uavs=uavs)
+
+
+def with_margin(problem: Problem, margin: float) -> Problem:
+    """``as_flown`` with each UAV's reserve raised by the share ``margin`` of its capacity besides."""
+    flown = as_flown(problem)
+    uavs = tuple(replace(u, reserve_j=_raised(u, margin * u.capacity_j)) for u in flown.uavs)
+    return replace(flown, uavs=uavs)
+
+
+def _raised(uav: Uav, more_j: float) -> float:
+    """A higher reserve; a UAV with little energy keeps half of it to fly with, for it must still be planned for."""
+    return max(uav.reserve_j, min(uav.reserve_j + more_j, KEPT_TO_FLY * uav.energy_j))
 
 
 def landed_waiting(problem: Problem, extra_s: Sequence[float]) -> Problem:
@@ -44,7 +62,7 @@ def plan_with_margin(problem: Problem, margin: float, stop: Stop, seed: int, par
     Args:
         problem: with the true reserves.
         margin: share of capacity.
-        stop: budget of ``planner.solve``; used twice where no plan keeps the margin.
+        stop: budget of ``planner.solve``; used up to three times where no plan keeps the margin.
         seed: of ``planner.solve``.
         params: of ``planner.solve``.
 
@@ -55,10 +73,13 @@ def plan_with_margin(problem: Problem, margin: float, stop: Stop, seed: int, par
         PlannerError: as ``planner.solve``.
     """
     uavs, ugvs = params.options.get("exclude_uavs", ()), params.options.get("exclude_ugvs", ())
-    plan = solve(with_margin(problem, margin) if margin > 0 else problem, stop, seed, params).plan
+    plan = solve(with_margin(problem, margin), stop, seed, params).plan
     took_s = plan.planning_s or 0.0
-    if margin > 0 and not plan.feasible:
-        bare = solve(problem, stop, seed, params).plan
+    tighter = as_flown(problem), as_flown(problem, docking=False)
+    for less in tighter if margin > 0 else tighter[1:]:
+        if plan.feasible:
+            break
+        bare = solve(less, stop, seed, params).plan
         took_s += bare.planning_s or 0.0
         plan = bare if worth(problem, bare, params) > worth(problem, plan, params) else plan
     schedule = evaluate(problem, plan.actions, exclude_uavs=uavs, exclude_ugvs=ugvs)

@@ -8,8 +8,10 @@ from dataclasses import replace
 
 import shapely
 
+from deploy.estimate import measured_j
 from deploy.events import EventKind
 from deploy.fence import line_of, margin_m
+from deploy.flightpath import rest_to_rest_s
 from deploy.settings import UavSettings
 from deploy.state import AIRBORNE, Finding, Track, UavPhase, UavState, UgvPhase, UgvState
 from deploy.turn import Turn
@@ -162,10 +164,17 @@ def would_turn_back(turn: Turn, uav: UavState) -> bool:
 
 
 def only_landing_is_left(turn: Turn, uav: UavState) -> bool:
-    """Whether a UAV in the air must come down where it is, now: a little longer and it would fall."""
+    """Whether a UAV in the air must come down where it is, now: a little longer and it would fall.
+
+    Here the battery is asked in ``virtual`` mode, too: whatever the model says, an empty one does not fly.
+    """
     assert uav.track is not None  # asked only of UAVs that are seen
-    descent_s = uav.track.position_m[2] / turn.settings.uavs[uav.index].descent_mps / turn.settings.frame.time_scale
-    return uav.energy_j < LANDING_SPARE * turn.settings.problem.uavs[uav.index].hover_w * descent_s
+    model = turn.settings.problem.uavs[uav.index]
+    config = turn.settings.uavs[uav.index]
+    descent_s = rest_to_rest_s(uav.track.position_m[2], config.descent_mps, config.accel_mps2)
+    told_j = measured_j(uav.telemetry, model.capacity_j)
+    left_j = uav.energy_j if told_j is None else min(uav.energy_j, told_j)
+    return left_j < LANDING_SPARE * model.hover_w * descent_s / turn.settings.frame.time_scale
 
 
 def _pad_reach_m(turn: Turn, uav: UavState) -> float:
@@ -191,7 +200,7 @@ def energy_after_landing_j(turn: Turn, uav: UavState) -> float:
 def _ugv(turn: Turn, ugv: UgvState) -> Iterator[Finding]:
     config, m = turn.settings.ugvs[ugv.index], turn.settings.monitors
     driving = ugv.phase is UgvPhase.DRIVING
-    yield from _poses(turn, config.id, ugv.track, moving=driving)
+    yield from _poses(turn, config.id, ugv.track, moving=driving or ugv.phase is UgvPhase.HOLDING)
     yield from _telemetry(turn, config.id, ugv.telemetry)
     yield from _command(turn, config.id, ugv)
     if ugv.track is None or ugv.phase is UgvPhase.PARKED:
@@ -222,6 +231,7 @@ def _separation(turn: Turn) -> Iterator[Finding]:
     for i, first in enumerate(moving):
         for second in moving[i + 1 :]:
             driving = [g for g in (second, first) if g.phase is UgvPhase.DRIVING]
+            driving.sort(key=lambda g: g.stuck)  # stopping one that does not move helps nobody
             if not driving:
                 continue
             config_g = turn.settings.ugvs[driving[0].index]
@@ -281,9 +291,10 @@ def _below_zero(a: float, b: float, c: float) -> tuple[float, float] | None:
 
 def _ahead(turn: Turn, unit: UavState | UgvState, ahead_s: float) -> Vec3:
     """How far the unit's committed path takes it within ``ahead_s``."""
-    if unit.path is None:
+    path = turn.way_of(unit)
+    if path is None:
         return (0.0, 0.0, 0.0)
-    now, then = unit.path.at(turn.now_s), unit.path.at(turn.now_s + ahead_s)
+    now, then = path.at(turn.now_s), path.at(turn.now_s + ahead_s)
     return (then[0] - now[0], then[1] - now[1], then[2] - now[2])
 
 

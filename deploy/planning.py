@@ -15,6 +15,8 @@ from planner.errors import PlannerError
 from planner.problem import Problem
 from planner.solve import Params, Stop, solve
 
+WORTH_THE_MARGIN = 0.95
+
 
 @dataclass(frozen=True, slots=True)
 class ReplanSettings:
@@ -69,6 +71,10 @@ def answer(request: PlanRequest, settings: ReplanSettings, stop: Stop) -> PlanRe
         seed = settings.seed + request.number
         problem, landed = request.problem, False
         plan = plan_with_margin(problem, request.margin, stop, seed, params)
+        if plan.feasible and request.margin > 0:
+            tight = plan_with_margin(problem, 0.0, stop, seed, params)
+            if tight.feasible and tight.makespan_s < WORTH_THE_MARGIN * plan.makespan_s:
+                plan = tight  # in flight a margin is not worth any length of mission
         if not plan.feasible and request.landing_s:
             on_ground = landed_waiting(problem, request.landing_s)
             other = plan_with_margin(on_ground, request.margin, stop, seed, params)

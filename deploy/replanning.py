@@ -55,6 +55,8 @@ def _retime(turn: Turn) -> None:
     if plan.given_up and turn.pending is None and turn.state.replan_reason is None:
         _try_again(turn, idle=not rest)
     if not rest and not open_tasks:
+        if not plan.given_up:  # nothing is left to plan: everybody comes down where he can
+            turn.state = replace(turn.state, replan_reason=None, replan_urgent=False)
         return
     problem = problem_now(turn, plan.given_up, limits.tolerance, landed=plan.landed)
     now = predict(problem, rest, exclude_uavs=exclude[0], exclude_ugvs=exclude[1])

@@ -163,9 +163,12 @@ def _energy(history: History) -> tuple[dict[str, float], list[Violation]]:
         margin = np.where(np.isnan(margin) | (history.phase[:, v] == str(UavPhase.LOST)), np.inf, margin)
         if np.isfinite(margin).any():
             margins[uav.id] = float(margin.min())
-        for i, j in _runs((margin < -EXACT_M) & _using(history, v)):
-            worst = float(margin[i:j].min())
-            text = f"{uav.id} was {-worst / 1000:.2f} kJ below its reserve of {uav.reserve_j / 1000:.1f} kJ"
+        # The reserve is there to be used when something goes wrong; the supervisor guarantees the floor below it.
+        floor_j = min(uav.reserve_j, history.settings.monitors.energy_margin * uav.capacity_j)
+        above = margin + uav.reserve_j - floor_j
+        for i, j in _runs((above < -EXACT_M) & _using(history, v)):
+            worst = float(above[i:j].min())
+            text = f"{uav.id} was {-worst / 1000:.2f} kJ below its energy floor of {floor_j / 1000:.1f} kJ"
             found.append(_violation(history, "energy", (uav.id,), i, j, worst, 0.0, "J", text))
     return margins, found
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from deploy.estimate import charge_duration_s
 from deploy.flightpath import rest_to_rest_s
-from deploy.margin import landed_waiting
+from deploy.margin import FULL, as_flown, landed_waiting
 from deploy.monitors import would_turn_back
 from deploy.settings import Settings
 from deploy.state import UAV_FINAL, PlanState, UavPhase, UavState, UgvPhase
@@ -83,7 +83,9 @@ def problem_now(
         ugvs=tuple(_ugv(turn, g.index, ready) for g in turn.ugvs),
         visited=np.array([v or m in given_up for m, v in enumerate(turn.visited)]),
     )
-    return landed_waiting(problem, landing_s(turn.settings)) if landed else problem
+    if landed:
+        problem = landed_waiting(problem, landing_s(turn.settings))
+    return as_flown(problem) if tolerance > 0 else problem
 
 
 def _docked_until_s(turn: Turn, uav: UavState) -> float:
@@ -117,21 +119,24 @@ def _uav(turn: Turn, uav: UavState, docked_until_s: float | None, tolerance: flo
             x, y = turn.settings.problem.sites[site]
             position = (float(x), float(y))
         full = uav.phase in (UavPhase.DOCKING, UavPhase.CHARGING) or uav.charge_seen
-        energy_j = model.capacity_j if full else uav.energy_j
+        leaving_j = model.hover_w * turn.settings.problem.ugvs[uav.docked[0]].undock_s
+        energy_j = max(0.0, (FULL * model.capacity_j if full else uav.energy_j) - leaving_j)
         return replace(model, position=position, energy_j=energy_j, ready_s=docked_until_s)
     ready_s = 0.0
     if uav.phase in (UavPhase.ON_PAD, UavPhase.TAKING_OFF, UavPhase.LANDING):
         climb_m = max(0.0, config.altitude_m - uav.track.position_m[2])
         ready_s = rest_to_rest_s(climb_m, config.climb_mps, config.accel_mps2) / turn.settings.frame.time_scale
+    energy_j = max(0.0, uav.energy_j - model.hover_w * ready_s)  # the planner's UAV begins when it has climbed
     reserve_j = model.reserve_j
-    if uav.energy_j < RESCUE_BELOW * reserve_j:
-        # A UAV that has come below its reserve may use a part of it to be rescued; else no plan would exist.
-        reserve_j = RESCUE_SHARE * uav.energy_j
+    if energy_j < RESCUE_BELOW * turn.settings.problem.uavs[uav.index].reserve_j:
+        # A UAV that has come below its reserve may use a part of it to be rescued; else no plan would exist. Judged
+        # without the tolerance: what the planner may use when asked, its answer may use when it comes.
+        reserve_j = RESCUE_SHARE * energy_j
     if uav.phase is UavPhase.ON_PAD and uav.site is not None and would_turn_back(turn, uav):
         # It may not fly anywhere: a UGV must come to where it stands.
         x, y = turn.settings.problem.sites[uav.site]
-        position, reserve_j = (float(x), float(y)), (1 - 1e-6) * uav.energy_j
-    return replace(model, position=position, energy_j=uav.energy_j, reserve_j=reserve_j, ready_s=ready_s)
+        position, reserve_j = (float(x), float(y)), (1 - 1e-6) * energy_j
+    return replace(model, position=position, energy_j=energy_j, reserve_j=reserve_j, ready_s=ready_s)
 
 
 def _ugv(turn: Turn, index: int, ready: dict[int, float]) -> Ugv:

@@ -121,7 +121,7 @@ def fly(
             wishes = []
             if loop.state.phase is MissionPhase.ARMED:
                 wishes.append(OperatorInput("start"))
-            if loop.now_s > limit_s and loop.state.phase is MissionPhase.RUNNING:
+            if loop.now_s > limit_s and loop.state.phase in (MissionPhase.RUNNING, MissionPhase.HOLDING):
                 wishes.append(OperatorInput("recover"))
             if loop.state.over:
                 ended_s = min(ended_s, loop.now_s)

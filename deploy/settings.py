@@ -94,7 +94,7 @@ class Replanning:
     """A replan is adopted when it is better by this share (always when the old plan is infeasible)."""
     interval_s: NotNegative = 30.0
     """Least time between replans that are not urgent."""
-    margin: Fraction = 0.06
+    margin: Fraction = 0.04
     """Share of capacity kept above reserve when planning, so that small delays in flight leave the plan feasible; given
     up where no plan exists otherwise."""
     tolerance: Fraction = 0.02
@@ -194,7 +194,7 @@ class Settings:
         problem: the mission's problem at the start, world frame; vehicle order is the order of ``uavs`` and ``ugvs``.
         roads: world frame.
         beside: per site, how far (m) and in which direction (rad) its places lie beside the road; empty: at the site.
-        failsafe: overrides of the failsafe table, "event" or "event/phase" -> action.
+        failsafe: overrides of the failsafe table, "event" or "event/situation" -> action.
     """
 
     frame: Frame

@@ -51,7 +51,11 @@ def initial(settings: Settings, plan: Plan) -> State:
     depot = problem.depot_index
     return State(
         phase=M.DISARMED,
-        uavs=tuple(UavState(i, energy_j=u.energy_j, site=depot) for i, u in enumerate(problem.uavs)),
+        # the planner's UAV begins when it has climbed, with what is left then
+        uavs=tuple(
+            UavState(i, energy_j=min(u.capacity_j, u.energy_j + u.ready_s * u.hover_w), site=depot)
+            for i, u in enumerate(problem.uavs)
+        ),
         ugvs=tuple(
             UgvState(i, energy_j=g.energy_j, site=depot if g.path_point is None else g.path_point)
             for i, g in enumerate(problem.ugvs)
@@ -180,8 +184,8 @@ def _look(turn: Turn) -> None:
         if track is not None:
             tracks[config.id] = track
     for ugv, road in zip(turn.ugvs, settings.ugvs, strict=True):
-        driving = ugv.phase is UgvPhase.DRIVING
-        track = _follow(turn, ugv.track, poses.get(road.body), driving, road.max_speed_mps, road.accel_mps2)
+        under_way = ugv.phase in (UgvPhase.DRIVING, UgvPhase.HOLDING)  # one held for a jump must not trust it then
+        track = _follow(turn, ugv.track, poses.get(road.body), under_way, road.max_speed_mps, road.accel_mps2)
         if track is not None:
             tracks[road.id] = track
     tracks = estimate.mark_swaps(tracks, settings.monitors)

@@ -188,13 +188,30 @@ class Turn:
 
     # --- room in the air and on the road ----------------------------------------------------------------------------
 
+    def way_of(self, unit: UavState | UgvState) -> TimedPath | None:
+        """The unit's committed path from where it is now: one that is late is not yet where its path says."""
+        path, order, track = unit.path, unit.order, unit.track
+        if path is None or track is None or order is None or not isinstance(order.command, GoTo | Drive):
+            return path
+        if isinstance(unit, UgvState):
+            if unit.stuck:
+                return resting(track.position_m, self.now_s)
+            left_s = unit.left_m / order.command.speed_mps
+        else:
+            first, end_m = path.knots[0], path.end_m
+            length_m = math.dist(first[1:], end_m)
+            share = math.dist(track.position_m, end_m) / length_m if length_m > 0 else 0.0
+            left_s = min(1.0, share) * (path.rests_from_s - first[0])
+        return path.later(max(0.0, self.now_s + left_s - path.rests_from_s))
+
     def uav_in_the_way(self, uav: int, path: TimedPath) -> str | None:
         """The flying UAV whose committed path conflicts with ``path``, or None."""
         s = self.settings.separation
         for other in self.uavs:
-            if other.index == uav or other.path is None:
+            theirs = self.way_of(other)
+            if other.index == uav or theirs is None:
                 continue
-            if conflict(path, other.path, self.now_s, s.horizontal_m + s.buffer_m, s.vertical_m + s.buffer_m):
+            if conflict(path, theirs, self.now_s, s.horizontal_m + s.buffer_m, s.vertical_m + s.buffer_m):
                 return self.settings.uavs[other.index].id
         return None
 
@@ -210,7 +227,7 @@ class Turn:
         for other in self.ugvs:
             if other.index == ugv or other.track is None:
                 continue
-            theirs = other.path if other.path is not None else resting(other.track.position_m, self.now_s)
+            theirs = self.way_of(other) or resting(other.track.position_m, self.now_s)
             mine = path.until(soon_s) if other.site is not None and other.path is None else path
             if conflict(mine, theirs, self.now_s, least_m, math.inf):
                 return self.settings.ugvs[other.index].id

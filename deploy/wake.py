@@ -49,6 +49,10 @@ def _candidates(settings: Settings, state: State, now_s: float) -> Iterator[floa
         for b in flying[i + 1 :]:
             if _near(settings, a, b):
                 yield now_s + near_s(settings)
+    for i, first in enumerate(state.ugvs):
+        for second in state.ugvs[i + 1 :]:
+            if UgvPhase.DRIVING in (first.phase, second.phase) and _near_on_the_road(settings, first, second):
+                yield now_s + NEAR_S
 
 
 def _unit(settings: Settings, unit: UavState | UgvState, now_s: float) -> Iterator[float]:
@@ -101,6 +105,16 @@ def _uav(settings: Settings, uav: UavState, now_s: float) -> Iterator[float]:
         if settings.uavs[uav.index].energy == "virtual":
             full_s = charge_duration_s(settings, uav.docked[0], uav.index, uav.charge_from_j)
             yield uav.since_s + full_s * settings.frame.time_scale
+
+
+def _near_on_the_road(settings: Settings, a: UgvState, b: UgvState) -> bool:
+    """Whether two UGVs, one of which drives, could come too near to each other before the next review or stop."""
+    if a.track is None or b.track is None:
+        return False
+    config, other = settings.ugvs[a.index], settings.ugvs[b.index]
+    stop_s = 1.0 + max(config.speed_mps / config.accel_mps2, other.speed_mps / other.accel_mps2)
+    reach_m = settings.separation.ugv_m + (config.speed_mps + other.speed_mps) * (settings.replanning.review_s + stop_s)
+    return math.dist(a.track.position_m[:2], b.track.position_m[:2]) < reach_m
 
 
 def _near(settings: Settings, a: UavState, b: UavState) -> bool:

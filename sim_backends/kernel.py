@@ -82,14 +82,14 @@ def steer(u: Any, tx: Any, ty: Any, tz: Any, speed: Any, h: Any) -> Any:
     dist = math.sqrt(dx * dx + dy * dy + dz * dz)
     gx, gy, gz = 0.0, 0.0, 0.0
     if dist > 0.0:
-        v = min(speed, u.max_speed)
+        v = cruise = min(speed, u.max_speed)
         level = math.sqrt(dx * dx + dy * dy) / dist
         vertical_limit = u.climb if dz > 0 else u.descent
         if v * abs(dz) > vertical_limit * dist:
             v = vertical_limit * dist / abs(dz)
         if level > 1e-6:
             lost = max(u.wind + u.gust, 0.0)
-            v = min(v, max(v * level - lost, 0.1 * v * level) / level)
+            v = min(v, max(cruise - lost, 0.1 * cruise) / level)  # a steep climb hardly moves against the wind
         v = min(v, approach_speed(dist, u.accel, h))
         gx, gy, gz = dx / dist * v, dy / dist * v, dz / dist * v
     ax, ay, az = gx - u.vx, gy - u.vy, gz - u.vz

@@ -185,8 +185,13 @@ def test_energy_is_used_in_the_air_only(phase: UavPhase) -> None:
 
 @pytest.mark.parametrize(("speed_mps", "power_w"), [(0.0, 230.0), (5.0, 215.0), (10.0, 200.0), (15.0, 200.0)])
 def test_power_by_speed(speed_mps: float, power_w: float) -> None:
-    track = world.track(speed_mps=speed_mps)
+    track = world.track(speed_mps=speed_mps, velocity_mps=(0.6 * speed_mps, -0.8 * speed_mps, 0.0))
     assert uav_energy(phase=UavPhase.FLYING, track=track) == pytest.approx(30_000 - 10 * power_w)
+
+
+def test_climbing_costs_what_hovering_costs() -> None:
+    track = world.track(speed_mps=5.0, velocity_mps=(0.0, 0.0, 5.0))
+    assert uav_energy(phase=UavPhase.FLYING, track=track) == pytest.approx(30_000 - 10 * 230)
 
 
 def test_one_that_was_never_seen_is_counted_as_hovering() -> None:

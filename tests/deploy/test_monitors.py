@@ -307,9 +307,16 @@ def test_taking_off_only_to_turn_back(over_j: float, back: bool) -> None:
 
 @pytest.mark.parametrize(("over_j", "now"), [(1.0, False), (-1.0, True)])
 def test_the_last_moment_to_land(over_j: float, now: bool) -> None:
-    needed_j = monitors.LANDING_SPARE * 230 * 10 / 1.5
+    needed_j = monitors.LANDING_SPARE * 230 * (10 / 1.5 + 1.5 / 2)
     uav = world.uav(0, AIR, energy_j=needed_j + over_j, **FLYING)
     assert monitors.LANDING_SPARE > 1
+    assert monitors.only_landing_is_left(world.turn(S, now_s=100.0), uav) is now
+
+
+@pytest.mark.parametrize(("battery", "now"), [(None, False), (0.05, False), (0.02, True)])
+def test_whatever_the_model_says_an_empty_battery_lands(battery: float | None, now: bool) -> None:
+    assert S.uavs[0].energy == "virtual"
+    uav = world.uav(0, AIR, energy_j=60_000.0, **FLYING, telemetry=world.report("uav0", 100.0, battery=battery))
     assert monitors.only_landing_is_left(world.turn(S, now_s=100.0), uav) is now
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,10 +12,11 @@ from deploy.backends import faults_of, world_of
 from deploy.events import EventKind
 from deploy.margin import plan_with_margin
 from deploy.mission import load
-from deploy.operator import ScriptedOperator
+from deploy.operator import ScriptedOperator, Wish
 from deploy.planning import InlinePlanner
 from deploy.planning_settings import first_plan, replanning
 from deploy.runner import Outcome, Tick, fly
+from deploy.state import UAV_FINAL
 from drivers.vehicle import Command, Dock, Drive, GoTo, TakeOff
 from planner.plan import Plan
 from planner.problem import Problem
@@ -75,7 +77,9 @@ def in_words(command: Command) -> str:
             return type(command).__name__
 
 
-def fly_it(mission_file: str, *, every_turn: bool) -> tuple[Outcome, Decisions]:
+def fly_it(
+    mission_file: str, *, every_turn: bool, script: Sequence[tuple[float, Wish]] = (), limit_s: float = 10_000.0
+) -> tuple[Outcome, Decisions]:
     mission = load(CONFIGS / mission_file)
     plan = plan_with_margin(mission.problem, mission.settings.replanning.margin, *first_plan(mission))
     # Without lost commands: which one is lost depends on the very moment at which it is sent.
@@ -83,7 +87,8 @@ def fly_it(mission_file: str, *, every_turn: bool) -> tuple[Outcome, Decisions]:
     fleet.poses.connect(30.0)
     for vehicle in fleet.vehicles.values():
         vehicle.connect(30.0)
-    log = Decisions()
+    log, operator = Decisions(), ScriptedOperator(script)
+    operator.attach(fleet.clock)
     outcome = fly(
         mission.settings,
         plan,
@@ -91,10 +96,10 @@ def fly_it(mission_file: str, *, every_turn: bool) -> tuple[Outcome, Decisions]:
         poses=fleet.poses,
         clock=fleet.clock,
         planner=InlinePlanner(replanning(mission), fleet.planner_delay_s),
-        operator=ScriptedOperator(),
+        operator=operator,
         observer=log,
         virtual=not every_turn,
-        limit_s=10_000.0,
+        limit_s=limit_s,
     )
     return outcome, log
 
@@ -123,6 +128,12 @@ def compare(mission_file: str, within_s: float) -> None:
 
 def test_the_lab_is_decided_alike_at_50_hz_and_from_event_to_event() -> None:
     compare("lab.yaml", within_s=2.5)
+
+
+def test_a_mission_held_for_ever_is_brought_down_at_its_limit() -> None:
+    outcome, log = fly_it("lab.yaml", every_turn=False, script=[(10.0, "hold")], limit_s=30.0)
+    assert outcome.kind == "aborted" and all(u.phase in UAV_FINAL for u in outcome.state.uavs)
+    assert any("recovering" in e for _, e in log.events)
 
 
 @pytest.mark.slow

@@ -107,24 +107,34 @@ def test_on_the_fence_is_inside():
     assert judged(status(1, uav0=at(-200.0, 1000.0, 120.0))).violations == ()
 
 
-def test_energy_below_reserve():
+FLOOR_J = 0.08 * fabricated_run.CAPACITY_J  # monitors.energy_margin
+
+
+def test_the_reserve_may_be_used():
+    safety = judged(status(1), status(2, uav1=at(energy=RESERVE_J - 500.0)), status(3))
+    assert safety.min_energy_margin_j == -500.0
+    assert safety.violations == ()
+
+
+def test_energy_below_the_floor():
     safety = judged(
-        status(1), status(2, uav1=at(energy=RESERVE_J - 500.0)), status(3, uav1=at(energy=RESERVE_J - 900.0)), status(4)
+        status(1), status(2, uav1=at(energy=FLOOR_J - 500.0)), status(3, uav1=at(energy=FLOOR_J - 900.0)), status(4)
     )
-    assert safety.min_energy_margin_j == -900.0
-    assert safety.margin_of == {"uav0": 200_000.0 - RESERVE_J, "uav1": -900.0}
+    assert safety.min_energy_margin_j == pytest.approx(FLOOR_J - 900.0 - RESERVE_J)
+    assert safety.margin_of["uav0"] == 200_000.0 - RESERVE_J
     (found,) = safety.violations
-    assert (found.kind, found.worst, found.start_s, found.end_s) == ("energy", -900.0, 2.0, 4.0)
+    assert (found.kind, found.start_s, found.end_s) == ("energy", 2.0, 4.0)
+    assert found.worst == pytest.approx(-900.0)
 
 
 def test_a_low_battery_on_the_ground_is_no_breach_of_its_own():
-    low = RESERVE_J - 500.0
+    low = FLOOR_J - 500.0
     safety = judged(
         status(1),
         status(2, uav1=at(phase="down", energy=low)),
         *(status(t, uav1=at(phase="down", energy=low)) for t in (3, 4)),
     )
-    assert safety.min_energy_margin_j == -500.0
+    assert safety.min_energy_margin_j == pytest.approx(low - RESERVE_J)
     (found,) = safety.violations  # it was below when it touched down
     assert (found.start_s, found.end_s) == (2.0, 3.0)
 

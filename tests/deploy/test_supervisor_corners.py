@@ -9,12 +9,12 @@ import pytest
 import world
 from test_supervisor_table import ACTIONS, NOW, SETTINGS, G, P, scene, seen, uav_in, ugv_in
 
-from deploy import dispatch, dispatch_ugv, replanning, retime, supervisor
+from deploy import dispatch, dispatch_ugv, monitors, replanning, retime, supervisor
 from deploy.events import Action, EventKind
-from deploy.flightpath import resting
+from deploy.flightpath import along, resting, straight
 from deploy.state import MissionPhase, Order
 from deploy.wake import wake_s
-from drivers.vehicle import Arm, Disarm, Drive, Hold, Land
+from drivers.vehicle import Arm, Disarm, Drive, GoTo, Hold, Land
 from planner.plan import Move, Recharge, Visit
 
 
@@ -148,3 +148,74 @@ def test_a_step_before_anybody_was_seen() -> None:
     result = supervisor.step(SETTINGS, state, world.observation(1.0))
     assert result.state.uavs[0].track is None and not result.commands and not math.isnan(result.state.uavs[0].energy_j)
     assert state.units == (*state.uavs, *state.ugvs)
+
+
+def test_the_first_climb_is_counted_once() -> None:
+    of = world.settings(of=world.problem(uav={"energy_j": 58_850.0, "ready_s": 5.0}))
+    assert supervisor.initial(of, world.plan(of)).uavs[0].energy_j == pytest.approx(60_000)
+
+
+@pytest.mark.parametrize(("energy_j", "rescued"), [(30_000.0, False), (8_000.0, False), (7_000.0, True)])
+def test_a_replan_counts_the_climb_and_may_use_the_same_reserve_when_it_comes(energy_j: float, rescued: bool) -> None:
+    turn = turn_of(world.uav(0, now_s=NOW, energy_j=energy_j, site=None), world.uav(1, now_s=NOW))
+    asked, judged = retime.problem_now(turn).uavs[0], retime.problem_now(turn, tolerance=0.02).uavs[0]
+    climb_j = 230 * 6.0  # 10 m at 2 m/s, from rest to rest
+    assert asked.ready_s == pytest.approx(6.0) and asked.energy_j == pytest.approx(energy_j - climb_j)
+    assert asked.reserve_j == pytest.approx((energy_j - climb_j) / 2 if rescued else 6_000)
+    assert judged.reserve_j <= asked.reserve_j
+
+
+def test_when_all_is_done_no_replan_keeps_the_mission_from_ending() -> None:
+    turn = turn_of(actions=(), visited=(True,) * len(SETTINGS.problem.tasks))
+    turn.want_replan("a wish that came too late", urgent=True)
+    replanning.review(turn)
+    assert turn.request is None and turn.state.replan_reason is None and replanning.finished(turn)
+
+
+def driving(at_m: float, left_m: float, index: int = 0, **members):
+    route = ((0.0, -4.0 * index), (100.0, -4.0 * index))
+    path = along(route, 0.0, NOW - 20.0, 5.0)  # by the clock it has just arrived
+    drive = Order(Drive(f"ugv{index}", route, 5.0), NOW - 20.0, NOW)
+    ugv = world.ugv(index, (at_m, -4.0 * index, 0.0), NOW, phase=G.DRIVING, site=None, target=0, route_m=route)
+    return replace(ugv, path=path, left_m=left_m, order=drive, **members)
+
+
+def test_a_ugv_that_is_late_is_in_the_way_where_it_is() -> None:
+    for late in (driving(60.0, 40.0), driving(60.0, 40.0, stuck=True)):
+        turn = turn_of(ugvs=(late, world.ugv(1, (40.0, 0.0, 0.0), NOW, site=None, phase=G.HOLDING)))
+        way = turn.way_of(late)
+        assert way is not None and way.at(NOW) == pytest.approx((60.0, 0.0, 0.0))
+        assert way.end_m[0] == (60.0 if late.stuck else 100.0)
+        assert turn.ugv_in_the_way(1, along(((40.0, 0.0), (62.0, 0.0)), 0.0, NOW, 5.0)) == "ugv0"
+
+
+def test_of_two_ugvs_too_near_the_one_that_moves_stops() -> None:
+    stuck = driving(60.0, 40.0, stuck=True)
+    mover = replace(driving(55.0, 45.0, 1), track=world.track((55.0, 0.0, 0.0), NOW))
+    mover = replace(mover, path=along(((55.0, 0.0), (100.0, 0.0)), 0.0, NOW, 5.0))
+    for pair in ((stuck, mover), (replace(mover, index=0), replace(stuck, index=1))):
+        turn = turn_of(ugvs=pair)
+        named = [f.vehicle for f in monitors.findings(turn) if f.kind is EventKind.SEPARATION]
+        assert named == [f"ugv{next(g.index for g in pair if not g.stuck)}"]
+
+
+def test_a_uav_that_is_late_is_in_the_way_where_it_is() -> None:
+    late = replace(
+        uav_in(P.FLYING, (40.0, 0.0, 10.0)), path=straight((0.0, 0.0, 10.0), (100.0, 0.0, 10.0), NOW - 15, 10.0, 2.0)
+    )
+    late = replace(late, order=Order(GoTo("uav0", (100.0, 0.0, 10.0), 10.0), NOW - 15, NOW))
+    turn = turn_of(late, world.uav(1, (40.0, 6.0, 10.0), NOW))
+    assert turn.way_of(late).at(NOW) == pytest.approx((40.0, 0.0, 10.0))
+    assert turn.uav_in_the_way(1, resting((42.0, 0.0, 10.0), NOW)) == "uav0"
+    there = replace(late, path=resting((100.0, 0.0, 10.0), NOW))
+    assert turn.way_of(there) is not None
+
+
+def test_a_drive_near_another_ugv_is_looked_at_often() -> None:
+    mover = replace(driving(60.0, 40.0), order=None, path=None, progress_s=NOW)
+    for other, soon in ((world.ugv(1, (70.0, 0.0, 0.0), NOW), True), (world.ugv(1, (400.0, 0.0, 0.0), NOW), False)):
+        turn = turn_of(ugvs=(mover, other), review_s=NOW)
+        woken = wake_s(SETTINGS, replace(turn.state, ugvs=(mover, other), uavs=tuple(turn.uavs)), NOW)
+        assert woken == pytest.approx(NOW + (0.2 if soon else 1.0))
+    unseen = replace(world.ugv(1), track=None)
+    assert wake_s(SETTINGS, replace(turn.state, ugvs=(mover, unseen), uavs=tuple(turn.uavs)), NOW) > NOW + 0.2

@@ -66,6 +66,18 @@ def test_head_wind_costs_ground_speed(vehicle: str | None) -> None:
     assert truth.speed_mps == pytest.approx(7.0)
 
 
+def test_head_wind_does_not_slow_a_climb_that_is_almost_vertical() -> None:
+    team = flying(Fault(FaultKind.HEAD_WIND, "uav0", at_s=1.0, value=3.0))
+    team.wait(5.0)
+    x, y, z = team.truth("uav0").position_m
+    team.send(Hold("uav0"))
+    team.wait(6.0)
+    x, y, z = team.truth("uav0").position_m
+    team.send(GoTo("uav0", (x + 1.0, y, z + 20.0), 10.0))
+    team.wait(8.0)  # 20 m at 5 m/s, with acceleration and latency
+    assert team.truth("uav0").position_m[2] > z + 19.0
+
+
 def test_a_drained_battery_empties_faster_by_its_factor() -> None:
     used = []
     for faults in ((), (Fault(FaultKind.BATTERY_DRAIN, "uav1", at_s=0.0, value=2.0),)):
