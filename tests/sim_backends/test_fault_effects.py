@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from drivers.vehicle import Dock, Drive, GoTo, TakeOff
+from drivers.vehicle import Dock, Drive, GoTo, Hold, TakeOff
 from sim_backends.errors import SimulationError
 from sim_backends.faults import Fault, FaultKind
 from sim_backends.world import UAV_POWER_W, SimUav
