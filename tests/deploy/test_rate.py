@@ -10,10 +10,9 @@ import pytest
 
 from deploy.backends import faults_of, world_of
 from deploy.events import EventKind
-from deploy.margin import plan_with_margin
 from deploy.mission import load
 from deploy.operator import ScriptedOperator, Wish
-from deploy.planning import InlinePlanner
+from deploy.planning import InlinePlanner, plan_with_margin
 from deploy.planning_settings import first_plan, replanning
 from deploy.runner import Outcome, Tick, fly
 from deploy.state import UAV_FINAL
