@@ -19,10 +19,9 @@ from typing import Any
 
 from deploy.backends import connect
 from deploy.events import Event
-from deploy.margin import plan_with_margin
 from deploy.mission import Mission, load
 from deploy.operator import ScriptedOperator
-from deploy.planning import InlinePlanner
+from deploy.planning import InlinePlanner, plan_with_margin
 from deploy.planning_settings import first_plan, replanning
 from deploy.runner import Tick, fly
 from planner.plan import Plan

@@ -24,11 +24,10 @@ import numpy as np
 from deploy.backends import connect
 from deploy.check_chance import overheads_of
 from deploy.check_limits import CERTAIN, Uncertainty
-from deploy.margin import plan_with_margin
 from deploy.mission import Mission, load
 from deploy.montecarlo import Draws, Floats, draw, estimate, simulate
 from deploy.operator import ScriptedOperator
-from deploy.planning import InlinePlanner
+from deploy.planning import InlinePlanner, plan_with_margin
 from deploy.planning_settings import first_plan, replanning
 from deploy.runner import Tick, fly
 from deploy.settings import Replanning

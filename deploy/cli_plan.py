@@ -12,7 +12,7 @@ from pathlib import Path
 from deploy.cli_common import DONE, FAILED, duration_text, finite, print_json, show_rows, working
 from deploy.drawing import MapDrawing
 from deploy.errors import InputError
-from deploy.margin import plan_with_margin
+from deploy.planning import plan_with_margin
 from planner.plan import Move, Plan, Recharge, Visit
 from planner.problem import Problem
 from planner.roads import Roads

@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from planner.plan import Plan, Visit
 from planner.problem import Problem, Uav
-from planner.schedule import evaluate, predict
-from planner.solve import Params, Stop, solve
 
 FULL = 0.995  # of capacity: more is not waited for
 KEPT_TO_FLY = 0.5
@@ -54,40 +51,3 @@ def landed_waiting(problem: Problem, extra_s: Sequence[float]) -> Problem:
     )
     longest_s = max(extra_s)
     return replace(problem, uavs=uavs, ugvs=tuple(replace(g, dock_s=g.dock_s + longest_s) for g in problem.ugvs))
-
-
-def plan_with_margin(problem: Problem, margin: float, stop: Stop, seed: int, params: Params) -> Plan:
-    """A plan that keeps the margin if there is one; else, rather than leave out a task or a vehicle, one without.
-
-    Args:
-        problem: with the true reserves.
-        margin: share of capacity.
-        stop: budget of ``planner.solve``; used up to three times where no plan keeps the margin.
-        seed: of ``planner.solve``.
-        params: of ``planner.solve``.
-
-    Returns:
-        A plan whose schedule is that of ``problem``.
-
-    Raises:
-        PlannerError: as ``planner.solve``.
-    """
-    uavs, ugvs = params.options.get("exclude_uavs", ()), params.options.get("exclude_ugvs", ())
-    plan = solve(with_margin(problem, margin), stop, seed, params).plan
-    took_s = plan.planning_s or 0.0
-    tighter = as_flown(problem), as_flown(problem, docking=False)
-    for less in tighter if margin > 0 else tighter[1:]:
-        if plan.feasible:
-            break
-        bare = solve(less, stop, seed, params).plan
-        took_s += bare.planning_s or 0.0
-        plan = bare if worth(problem, bare, params) > worth(problem, plan, params) else plan
-    schedule = evaluate(problem, plan.actions, exclude_uavs=uavs, exclude_ugvs=ugvs)
-    return replace(plan, schedule=schedule, planning_s=took_s)
-
-
-def worth(problem: Problem, plan: Plan, params: Params) -> tuple[bool, int]:
-    """What a plan is worth when none visits every task: nobody stranded first, then the number of tasks visited."""
-    uavs, ugvs = params.options.get("exclude_uavs", ()), params.options.get("exclude_ugvs", ())
-    survives = predict(problem, plan.actions, exclude_uavs=uavs, exclude_ugvs=ugvs).survives
-    return survives, sum(isinstance(a, Visit) for a in plan.actions)

@@ -6,13 +6,15 @@ import multiprocessing
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
-from deploy.margin import landed_waiting, plan_with_margin, worth
+from deploy.margin import as_flown, landed_waiting, with_margin
 from deploy.observation import PlanReply, PlanRequest
 from planner.errors import PlannerError
+from planner.plan import Plan, Visit
 from planner.problem import Problem
+from planner.schedule import evaluate, predict
 from planner.solve import Params, Stop, solve
 
 WORTH_THE_MARGIN = 0.95
@@ -55,6 +57,43 @@ class Planner(Protocol):
     def close(self) -> None:
         """Ends the worker."""
         ...
+
+
+def plan_with_margin(problem: Problem, margin: float, stop: Stop, seed: int, params: Params) -> Plan:
+    """A plan that keeps the margin if there is one; else, rather than leave out a task or a vehicle, one without.
+
+    Args:
+        problem: with the true reserves.
+        margin: share of capacity.
+        stop: budget of ``planner.solve``; used up to three times where no plan keeps the margin.
+        seed: of ``planner.solve``.
+        params: of ``planner.solve``.
+
+    Returns:
+        A plan whose schedule is that of ``problem``.
+
+    Raises:
+        PlannerError: as ``planner.solve``.
+    """
+    uavs, ugvs = params.options.get("exclude_uavs", ()), params.options.get("exclude_ugvs", ())
+    plan = solve(with_margin(problem, margin), stop, seed, params).plan
+    took_s = plan.planning_s or 0.0
+    tighter = as_flown(problem), as_flown(problem, docking=False)
+    for less in tighter if margin > 0 else tighter[1:]:
+        if plan.feasible:
+            break
+        bare = solve(less, stop, seed, params).plan
+        took_s += bare.planning_s or 0.0
+        plan = bare if worth(problem, bare, params) > worth(problem, plan, params) else plan
+    schedule = evaluate(problem, plan.actions, exclude_uavs=uavs, exclude_ugvs=ugvs)
+    return replace(plan, schedule=schedule, planning_s=took_s)
+
+
+def worth(problem: Problem, plan: Plan, params: Params) -> tuple[bool, int]:
+    """What a plan is worth when none visits every task: nobody stranded first, then the number of tasks visited."""
+    uavs, ugvs = params.options.get("exclude_uavs", ()), params.options.get("exclude_ugvs", ())
+    survives = predict(problem, plan.actions, exclude_uavs=uavs, exclude_ugvs=ugvs).survives
+    return survives, sum(isinstance(a, Visit) for a in plan.actions)
 
 
 def answer(request: PlanRequest, settings: ReplanSettings, stop: Stop) -> PlanReply:

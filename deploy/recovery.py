@@ -9,7 +9,7 @@ from deploy.events import EventKind
 from deploy.state import AIRBORNE, UAV_FINAL, MissionPhase, UgvPhase, UgvState
 from deploy.turn import Turn
 
-RECOVERY_LIMIT_S = 1800.0
+RECOVERY_LIMIT_S = 7200.0  # on the loop's clock; a UGV that does not move is given up long before
 
 
 def enter(turn: Turn, phase: MissionPhase, why: str) -> None:

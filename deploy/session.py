@@ -14,11 +14,10 @@ from deploy.checks import probe_backend, run_checks
 from deploy.display import Display, NullDisplay
 from deploy.errors import DeployError
 from deploy.map_drawing import drawing_of
-from deploy.margin import plan_with_margin
 from deploy.mission import Mission
 from deploy.mission_copy import save_copy
 from deploy.operator import Operator, ScriptedOperator
-from deploy.planning import InlinePlanner, Planner, ProcessPlanner
+from deploy.planning import InlinePlanner, Planner, ProcessPlanner, plan_with_margin
 from deploy.planning_settings import first_plan, replanning
 from deploy.recording import Recorder, RunMeta
 from deploy.report import Report, make

@@ -10,11 +10,10 @@ from hypothesis import strategies as st
 
 from deploy.backends import connect
 from deploy.gate import GateState, judge
-from deploy.margin import plan_with_margin
 from deploy.mission import Mission, load
 from deploy.observation import Observation
 from deploy.operator import ScriptedOperator
-from deploy.planning import InlinePlanner
+from deploy.planning import InlinePlanner, plan_with_margin
 from deploy.planning_settings import first_plan, replanning
 from deploy.runner import Tick, fly
 from deploy.serial import decode, encode
