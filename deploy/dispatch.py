@@ -35,7 +35,7 @@ def advance(turn: Turn, index: int) -> None:
         turn.want_replan(f"{name} has landed by itself", urgent=True)
         turn.uavs[index] = _to(turn, uav, P.DOWN, out=True, path=None, docked=None, action=None)
         return
-    if uav.phase in (P.FLYING, P.WAITING) and only_landing_is_left(turn, uav):
+    if uav.phase in (P.FLYING, P.WAITING, P.DOCKING) and only_landing_is_left(turn, uav):
         name = turn.settings.uavs[index].id
         text = f"{name} lands where it is: its energy is enough for nothing else"
         turn.tell(EventKind.ENERGY_NO_RETURN, text, name, Action.LAND_HERE)

@@ -170,8 +170,10 @@ def only_landing_is_left(turn: Turn, uav: UavState) -> bool:
     """
     assert uav.track is not None  # asked only of UAVs that are seen
     model = turn.settings.problem.uavs[uav.index]
-    config = turn.settings.uavs[uav.index]
-    descent_s = rest_to_rest_s(uav.track.position_m[2], config.descent_mps, config.accel_mps2)
+    config, height_m = turn.settings.uavs[uav.index], uav.track.position_m[2]
+    if uav.phase is UavPhase.DOCKING and uav.docked is not None:  # it comes down on the UGV
+        height_m = max(0.0, height_m - turn.settings.ugvs[uav.docked[0]].pad_height_m)
+    descent_s = rest_to_rest_s(height_m, config.descent_mps, config.accel_mps2)
     told_j = measured_j(uav.telemetry, model.capacity_j)
     left_j = uav.energy_j if told_j is None else min(uav.energy_j, told_j)
     return left_j < LANDING_SPARE * model.hover_w * descent_s / turn.settings.frame.time_scale

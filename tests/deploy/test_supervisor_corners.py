@@ -33,6 +33,14 @@ def test_a_uav_with_energy_for_nothing_else_lands_where_it_is() -> None:
     assert Land("uav0", 1.5) in result.commands
 
 
+@pytest.mark.parametrize(("energy_j", "lands"), [(1_800.0, True), (2_100.0, False)])
+def test_a_docking_that_does_not_come_down_ends_in_a_landing_before_it_falls(energy_j: float, lands: bool) -> None:
+    docking = replace(uav_in(P.DOCKING, (99.0, 0.0, 10.0)), docked=(0, 0), energy_j=energy_j)  # 9.5 m above the dock
+    turn = turn_of(docking, world.uav(1, now_s=NOW))
+    dispatch.advance(turn, 0)
+    assert (turn.uavs[0].phase is P.LANDING) is lands and (Land("uav0", 1.5) in turn.commands) is lands
+
+
 def test_a_landing_waits_for_the_uav_below() -> None:
     above = replace(uav_in(P.FLYING, (0.0, 0.0, 10.0)), order=None)
     below = replace(uav_in(P.FLYING, (1.0, 0.0, 4.0)), index=1)
