@@ -17,13 +17,14 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from deploy.backends import connect
-from deploy.events import Event
+from deploy.backends import connect, faults_of
+from deploy.events import Event, EventKind
 from deploy.mission import Mission, load
 from deploy.operator import ScriptedOperator
 from deploy.planning import InlinePlanner, plan_with_margin
 from deploy.planning_settings import first_plan, replanning
 from deploy.runner import Tick, fly
+from deploy.state import UavPhase
 from planner.plan import Plan
 from planner.problem import Problem
 
@@ -69,7 +70,9 @@ def one(mission: Mission, plan: Plan, seed: int) -> dict[str, Any]:
         truth = fleet.truth()
     finally:
         fleet.close()
-    flying = [v for v, t in truth.vehicles.items() if t.airborne]
+    # A UAV that is lost, neither seen nor heard, comes down by its own failsafe when it will.
+    lost = {c.id for u, c in zip(outcome.state.uavs, mission.settings.uavs, strict=True) if u.phase is UavPhase.LOST}
+    flying = [v for v, t in truth.vehicles.items() if t.airborne and v not in lost]
     return {
         "seed": seed,
         "outcome": outcome.kind,
@@ -84,8 +87,8 @@ def one(mission: Mission, plan: Plan, seed: int) -> dict[str, Any]:
             if not v.scripted
         ],
         "still_flying": flying,
-        "faults": [f"{f.kind.value} {f.vehicle or ''} at {f.at_s:.0f} s" for f in mission.faults],
-        "events": dict(Counter(e.kind.value for e in log.events)),
+        "faults": [f"{f.kind.value} {f.vehicle or ''} at {f.at_s:.0f} s" for f in faults_of(mission, plan.makespan_s)],
+        "replans": sum(e.kind is EventKind.PLAN_ADOPTED for e in log.events),
     }
 
 
@@ -140,7 +143,9 @@ def main() -> int:
     print(json.dumps(summary, indent=1))
     if args.out:
         args.out.parent.mkdir(parents=True, exist_ok=True)
-        args.out.write_text(json.dumps({"summary": summary, "runs": rows}, indent=1) + "\n", encoding="utf-8")
+        lines = ",\n".join(json.dumps(row) for row in rows)
+        text = f'{{"summary": {json.dumps(summary)},\n"runs": [\n{lines}\n]}}\n'
+        args.out.write_text(text, encoding="utf-8")
     return 1 if unsafe else 0
 
 
