@@ -109,7 +109,7 @@ def _parked(turn: Turn, ugv: UgvState) -> UgvState:
         target = ugv.target
     else:
         return ugv
-    return _drive(turn, ugv, target) if _may_move(turn, ugv) else ugv
+    return _drive(turn, ugv, target) if _may_move(turn, ugv) and turn.in_its_place(ugv) else ugv
 
 
 def _target_of(turn: Turn, k: int) -> int:

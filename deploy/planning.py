@@ -186,11 +186,10 @@ class ProcessPlanner:
         future, self._future = self._future, None
         try:
             return future.result()
-        except BrokenExecutor as error:
+        except Exception as error:  # whatever goes wrong in the worker must not end the flight
             self._restart()
-            return PlanReply(
-                self._number, False, (), self._settings.method, 0.0, f"the planner died: {error}", usable=False
-            )
+            why = f"the planner failed: {type(error).__name__} {error}"
+            return PlanReply(self._number, False, (), self._settings.method, 0.0, why, usable=False)
 
     def due_s(self) -> float | None:
         """See ``Planner``."""

@@ -164,12 +164,19 @@ class Turn:
         """UAVs at the UGV's docks or about to be there."""
         return (u for u in self.uavs if u.docked is not None and u.docked[0] == ugv)
 
+    def in_its_place(self, ugv: UgvState) -> bool:
+        """Whether a parked UGV is seen where it stopped: nobody docks at or drives from where a false pose puts it."""
+        if ugv.site is None or ugv.track is None or not self.fresh(ugv):
+            return False
+        aside_m = math.dist(ugv.track.position_m[:2], self.park_m(ugv.index, ugv.site))
+        return aside_m <= self.settings.monitors.ugv_off_road_m
+
     def rendezvous_ready(self, k: int) -> bool:
         """Whether recharge ``k`` may dock now: UGV parked there, nobody before it, dock and approach free."""
         action = self.plan.actions[k]
         assert isinstance(action, Recharge)
         ugv = self.ugvs[action.ugv]
-        if ugv.site != self.plan.sites[k] or ugv.target is not None or ugv.out or not self.fresh(ugv):
+        if ugv.site != self.plan.sites[k] or ugv.target is not None or ugv.out or not self.in_its_place(ugv):
             return False
         for j in range(k):
             earlier = self.plan.actions[j]

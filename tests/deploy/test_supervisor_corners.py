@@ -109,6 +109,14 @@ def test_an_earlier_move_or_guest_keeps_a_rendezvous_from_being_ready() -> None:
     assert not turn.rendezvous_ready(1)  # the move is not done yet
     turn.mark_done(0)
     assert turn.rendezvous_ready(1)
+    parked = turn.ugvs[0]
+    assert parked.track is not None and turn.in_its_place(parked)
+    x, y, z = parked.track.position_m
+    away_m = turn.settings.monitors.ugv_off_road_m + 0.1
+    turn.ugvs[0] = replace(parked, track=replace(parked.track, position_m=(x + away_m, y, z)))
+    assert not turn.rendezvous_ready(1)  # a false pose: the UGV stopped elsewhere
+    assert not turn.in_its_place(replace(parked, site=None)) and not turn.in_its_place(replace(parked, track=None))
+    turn.ugvs[0] = parked
     turn.uavs[1] = replace(uav_in(P.DOCKING), index=1, docked=(0, 1))
     assert not turn.rendezvous_ready(1)
 

@@ -377,7 +377,8 @@ def test_a_stuck_ugv_that_arrives_after_all() -> None:
 
 def test_a_ugv_that_another_one_blocks_for_ever_counts_as_stuck() -> None:
     of = world.problem(n_uavs=1, n_ugvs=2, charge_s=10.0)
-    settings = world.settings(of=of, ugv={"park_offset_m": (0.0, 0.0)}, monitors={"ugv_stuck_s": 20.0})
+    thresholds = {"ugv_stuck_s": 20.0, "ugv_off_road_m": 25.0}
+    settings = world.settings(of=of, ugv={"park_offset_m": (0.0, 0.0)}, monitors=thresholds)
     actions = (Move(1, 0), Move(0, 1), Visit(0, 0), Visit(0, 1), Recharge(0, 0), Visit(0, 2))
     w = World(settings, world.plan(settings, actions), no_better)
     w.bodies["ugv0"].at = (-20.0, 0.0, 0.0)
