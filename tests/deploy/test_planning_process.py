@@ -30,10 +30,7 @@ def test_it_answers_and_a_dead_worker_is_an_answer_too() -> None:
         assert reply.number == 1 and reply.usable and reply.feasible
         for process in planner._pool._processes.values():
             process.kill()
-        died = reply_of(planner, 2)
-        if died.usable:  # the pool had already been replaced
-            died = reply
-        assert died.number in (1, 2)
+        assert reply_of(planner, 2).number == 2  # usable or not, depending on when the death is noticed
         again = reply_of(planner, 3)
         assert again.number == 3 and again.usable and again.feasible
     finally:
