@@ -235,3 +235,24 @@ def test_a_drive_near_another_ugv_is_looked_at_often() -> None:
         assert woken == pytest.approx(NOW + (0.2 if soon else 1.0))
     unseen = replace(world.ugv(1), track=None)
     assert wake_s(SETTINGS, replace(turn.state, ugvs=(mover, unseen), uavs=tuple(turn.uavs)), NOW) > NOW + 0.2
+
+
+def test_a_drive_to_where_it_stands_is_an_arrival() -> None:
+    settings = world.settings(n_uavs=2, n_ugvs=2, ugv={"park_offset_m": (0.0, 0.0)})
+    standing = world.ugv(0, (*settings.park_m(0, 0), 0.0), NOW, phase=G.HOLDING, site=None, target=0)
+    turn = world.turn(
+        settings, now_s=NOW, uavs=(world.uav(0, now_s=NOW), world.uav(1, now_s=NOW)),
+        ugvs=(standing, ugv_in(G.PARKED, 1)), actions=(Move(0, 0),), phase=MissionPhase.RUNNING,
+    )  # fmt: skip
+    dispatch_ugv.advance(turn, 0)
+    assert turn.ugvs[0].phase is G.PARKED and turn.ugvs[0].site == 0 and turn.plan.done == (True,)
+    assert not [c for c in turn.commands if isinstance(c, Drive)]
+
+
+def test_a_plan_that_counts_on_landed_waiting_is_judged_with_it() -> None:
+    turn = turn_of()
+    hovering, landed = retime.problem_now(turn), retime.problem_now(turn, landed=True)
+    assert {u.waiting for u in landed.uavs} == {"landed"}
+    up_and_down_s = max(retime.landing_s(turn.settings))
+    assert landed.ugvs[0].dock_s == pytest.approx(hovering.ugvs[0].dock_s + up_and_down_s)
+    assert landed.uavs[0].reserve_j > hovering.uavs[0].reserve_j
