@@ -43,18 +43,25 @@ def _require(condition: bool, message: str) -> None:
 
 
 def _check_numbers(owner: str, obj: object, at_least_zero: Sequence[str], above_zero: Sequence[str]) -> None:
-    for name in (*at_least_zero, *above_zero):
+    for name in at_least_zero:
         value = getattr(obj, name)
-        if value is None:
+        if type(value) is float and 0.0 <= value < math.inf:
+            continue  # vehicles are made anew at every review in flight: the usual case is judged at once
+        _check_number(owner, name, value, above_zero=False)
+    for name in above_zero:
+        value = getattr(obj, name)
+        if type(value) is float and 0.0 < value < math.inf:
             continue
-        _require(
-            isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value),
-            f"{owner}: {name} is {value!r}; give a finite number",
-        )
-        limit_ok = value > 0 if name in above_zero else value >= 0
-        _require(
-            limit_ok, f"{owner}: {name} is {value}; give a number {'above' if name in above_zero else 'of at least'} 0"
-        )
+        _check_number(owner, name, value, above_zero=True)
+
+
+def _check_number(owner: str, name: str, value: object, *, above_zero: bool) -> None:
+    if value is None:
+        return
+    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+        raise PlannerError(f"{owner}: {name} is {value!r}; give a finite number")
+    if not (value > 0 if above_zero else value >= 0):
+        raise PlannerError(f"{owner}: {name} is {value}; give a number {'above' if above_zero else 'of at least'} 0")
 
 
 @dataclass(frozen=True, slots=True)
