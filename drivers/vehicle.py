@@ -55,6 +55,24 @@ class VehicleState:
 
 
 @dataclass(frozen=True, slots=True)
+class SelfCheck:
+    """One finding of a driver about its own vehicle before the start.
+
+    Attributes:
+        name: what was looked at, in one or two words: ``estimator``, ``firmware``, ``mode``, ``radio``.
+        verdict: ``not run`` where the vehicle cannot tell.
+        text: what was found and, unless it passed, what to do.
+        value, unit: where it was measured.
+    """
+
+    name: str
+    verdict: Literal["pass", "warn", "fail", "not run"]
+    text: str
+    value: float | None = None
+    unit: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Arm:
     """Allow the vehicle to move."""
 
@@ -164,6 +182,10 @@ class Vehicle(Protocol):
         Raises:
             DriverError: when the command is not for this vehicle or of the wrong kind.
         """
+        ...
+
+    def self_checks(self) -> Sequence[SelfCheck]:
+        """What the connected vehicle shows of itself before the start; arms and moves nothing, never blocks."""
         ...
 
     def feed_pose(self, pose: Pose) -> None:

@@ -25,6 +25,7 @@ from drivers.vehicle import (
     Land,
     Pose,
     PoseSource,
+    SelfCheck,
     StopMotors,
     TakeOff,
     Vehicle,
@@ -279,6 +280,10 @@ class KinematicVehicle:
             raise DriverError(f"{self._id}: Drive has an empty path; give at least one point")
         if isinstance(command, Dock) and not 0 <= command.dock < self._docks.get(command.onto, 0):
             raise DriverError(f"{self._id}: there is no dock {command.dock} on {command.onto!r}")
+
+    def self_checks(self) -> Sequence[SelfCheck]:
+        """None: a simulated body has no firmware, estimator or radio of its own."""
+        return ()
 
     def feed_pose(self, pose: Pose) -> None:
         """Hands ``pose`` to the UAV's estimator; a UGV has none."""

@@ -159,6 +159,13 @@ class CommonContract:
         first = harness.poses.read()
         assert not {(p.body, p.stamp_s) for p in first} & {(p.body, p.stamp_s) for p in harness.poses.read()}
 
+    def test_self_checks_are_sound_and_arm_nothing(self, harness: Harness, vehicle_id: str) -> None:
+        findings = harness.vehicles[vehicle_id].self_checks()
+        assert not [f for f in findings if f.verdict == "fail"]
+        assert len({f.name for f in findings}) == len(findings)
+        assert all(f.text and f.verdict in ("pass", "warn", "not run") for f in findings)
+        assert not harness.state(vehicle_id).armed
+
     def test_refuses_a_command_for_another(self, harness: Harness, vehicle_id: str) -> None:
         with pytest.raises(DriverError, match=vehicle_id):
             harness.vehicles[vehicle_id].send(Arm("somebody else"))
