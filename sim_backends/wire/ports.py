@@ -1,0 +1,69 @@
+"""Free places on this computer: UDP ports, loopback addresses, ROS domains. Each may be taken a moment later."""
+
+from __future__ import annotations
+
+import random
+import socket
+from collections.abc import Callable, Iterable
+from typing import TypeVar
+
+from sim_backends.errors import SimulationError
+
+T = TypeVar("T")
+
+NATNET_PORTS = (1510, 1511)
+"""OptiTrack's ports, which its clients cannot change: simulations side by side need an address each."""
+MAX_DOMAIN = 101
+"""Highest ROS domain whose ports (7400 + 250 domain + ...) lie below those that Linux gives away (32768...)."""
+
+
+def free_udp_port(taken: Iterable[int] = ()) -> int:
+    """A UDP port that nobody has bound on the loopback."""
+    avoid = set(taken)
+    while True:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(("127.0.0.1", 0))
+            port = int(probe.getsockname()[1])
+        if port not in avoid:
+            return port
+
+
+def free_loopback() -> str:
+    """A loopback address on which a NatNet server can be: 127.0.0.1 where it can, else another one.
+
+    Raises:
+        SimulationError: when none was found.
+    """
+    rng = random.Random()
+    others = (f"127.{rng.randint(1, 250)}.{rng.randint(0, 250)}.{rng.randint(2, 250)}" for _ in range(50))
+    return _first("127.0.0.1", others, lambda a: all(_bindable(a, p) for p in NATNET_PORTS), "loopback address")
+
+
+def free_domain() -> int:
+    """A ROS domain in which nobody takes part on this computer.
+
+    Raises:
+        SimulationError: when none was found.
+    """
+    rng = random.Random()
+    numbers = iter(rng.sample(range(1, MAX_DOMAIN + 1), MAX_DOMAIN))
+    # the first participant of a domain binds 7400 + 250 domain + 10 and 11 (DDSI-RTPS 2.3, 9.6.1)
+    return _first(
+        next(numbers), numbers, lambda d: all(_bindable("0.0.0.0", 7400 + 250 * d + k) for k in (10, 11)), "ROS domain"
+    )
+
+
+def _first(first: T, others: Iterable[T], good: Callable[[T], bool], what: str) -> T:
+    for candidate in (first, *others):
+        if good(candidate):
+            return candidate
+    raise SimulationError(f"no free {what} was found on this computer; end other simulations")
+
+
+def _bindable(address: str, port: int) -> bool:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((address, port))
+        except OSError:
+            return False
+    return True
