@@ -49,7 +49,7 @@ def observe(turn: Turn, ugv: UgvState) -> UgvState:
 def left_on_route_m(route_m: tuple[Vec2, ...], position_m: Vec2) -> float:
     """Way left from the route's point nearest to ``position_m`` to its end, in m."""
     line = line_of(route_m)
-    return line.length - float(shapely.line_locate_point(line, shapely.Point(position_m)))
+    return line.length - float(shapely.line_locate_point(line, shapely.points(position_m)))
 
 
 def route_to(turn: Turn, ugv: UgvState, site: int) -> tuple[Vec2, ...]:

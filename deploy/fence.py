@@ -25,7 +25,7 @@ def line_of(points: tuple[Vec2, ...]) -> shapely.LineString:
 def margin_m(vertices: tuple[Vec2, ...], x: float, y: float) -> float:
     """Distance from (x, y) to the polygon's edge, in m: positive inside, negative outside."""
     polygon = _polygon(vertices)
-    distance_m = float(shapely.distance(polygon.exterior, shapely.Point(x, y)))
+    distance_m = float(shapely.distance(polygon.exterior, shapely.points(x, y)))
     return distance_m if shapely.contains_xy(polygon, x, y) else -distance_m
 
 

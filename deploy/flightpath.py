@@ -49,6 +49,8 @@ class TimedPath:
 
     def later(self, by_s: float) -> TimedPath:
         """The same path, ``by_s`` later."""
+        if by_s == 0:
+            return self
         return TimedPath(tuple((t + by_s if t < FOREVER_S else t, x, y, z) for t, x, y, z in self.knots))
 
     def at(self, time_s: float) -> Vec3:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from planner.problem import Problem, Uav
+from planner.problem import Problem, Uav, Ugv
 
 FULL = 0.995  # of capacity: more is not waited for
 KEPT_TO_FLY = 0.5
@@ -17,13 +17,17 @@ def as_flown(problem: Problem, *, docking: bool = True) -> Problem:
     A UAV that leaves a dock has hovered up to its layer, and a charger ends a little short of full. One docking is kept
     above reserve, so that a plan does not land on less (``docking`` false leaves that out).
     """
-    down_s = max((g.dock_s for g in problem.ugvs), default=0.0) if docking else 0.0
-    up_s = max((g.undock_s for g in problem.ugvs), default=0.0)
-    uavs = tuple(
+    return replace(problem, uavs=flown_uavs(problem.uavs, problem.ugvs, docking=docking))
+
+
+def flown_uavs(uavs: Sequence[Uav], ugvs: Sequence[Ugv], *, docking: bool = True) -> tuple[Uav, ...]:
+    """The UAVs of ``as_flown``."""
+    down_s = max((g.dock_s for g in ugvs), default=0.0) if docking else 0.0
+    up_s = max((g.undock_s for g in ugvs), default=0.0)
+    return tuple(
         replace(u, capacity_j=FULL * u.capacity_j - u.hover_w * up_s, reserve_j=_raised(u, u.hover_w * down_s))
-        for u in problem.uavs
+        for u in uavs
     )
-    return replace(problem, uavs=uavs)
 
 
 def with_margin(problem: Problem, margin: float) -> Problem:
@@ -45,9 +49,16 @@ def landed_waiting(problem: Problem, extra_s: Sequence[float]) -> Problem:
         problem: with whatever way of waiting.
         extra_s: time of landing and taking off, per UAV.
     """
-    uavs = tuple(
-        replace(u, waiting="landed", reserve_j=max(u.reserve_j, min(u.reserve_j + u.hover_w * s, 0.7 * u.energy_j)))
-        for u, s in zip(problem.uavs, extra_s, strict=True)
-    )
+    uavs, ugvs = landed_team(problem.uavs, problem.ugvs, extra_s)
+    return replace(problem, uavs=uavs, ugvs=ugvs)
+
+
+def landed_team(
+    uavs: Sequence[Uav], ugvs: Sequence[Ugv], extra_s: Sequence[float]
+) -> tuple[tuple[Uav, ...], tuple[Ugv, ...]]:
+    """The vehicles of ``landed_waiting``."""
     longest_s = max(extra_s)
-    return replace(problem, uavs=uavs, ugvs=tuple(replace(g, dock_s=g.dock_s + longest_s) for g in problem.ugvs))
+    return tuple(
+        replace(u, waiting="landed", reserve_j=max(u.reserve_j, min(u.reserve_j + u.hover_w * s, 0.7 * u.energy_j)))
+        for u, s in zip(uavs, extra_s, strict=True)
+    ), tuple(replace(g, dock_s=g.dock_s + longest_s) for g in ugvs)

@@ -209,7 +209,7 @@ def _ugv(turn: Turn, ugv: UgvState) -> Iterator[Finding]:
         return
     yield from _fence(turn, config.id, (ugv.track.position_m[0], ugv.track.position_m[1], 0.0))
     if len(ugv.route_m) > 1:
-        off_m = float(shapely.distance(line_of(ugv.route_m), shapely.Point(ugv.track.position_m[:2])))
+        off_m = float(shapely.distance(line_of(ugv.route_m), shapely.points(ugv.track.position_m[:2])))
         if off_m > m.ugv_off_road_m:
             yield Finding(K.UGV_OFF_ROAD, config.id, f"{config.id} is {off_m:.1f} m off its road")
     if driving and turn.now_s - ugv.progress_s >= m.ugv_stuck_s:
@@ -293,10 +293,11 @@ def _below_zero(a: float, b: float, c: float) -> tuple[float, float] | None:
 
 def _ahead(turn: Turn, unit: UavState | UgvState, ahead_s: float) -> Vec3:
     """How far the unit's committed path takes it within ``ahead_s``."""
-    path = turn.way_of(unit)
-    if path is None:
+    path = unit.path
+    if path is None or (isinstance(unit, UgvState) and unit.stuck):
         return (0.0, 0.0, 0.0)
-    now, then = path.at(turn.now_s), path.at(turn.now_s + ahead_s)
+    begin_s = turn.now_s - turn.lateness_s(unit)
+    now, then = path.at(begin_s), path.at(begin_s + ahead_s)
     return (then[0] - now[0], then[1] - now[1], then[2] - now[2])
 
 

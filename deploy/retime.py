@@ -9,7 +9,7 @@ import numpy as np
 
 from deploy.estimate import charge_duration_s
 from deploy.flightpath import rest_to_rest_s
-from deploy.margin import FULL, as_flown, landed_waiting
+from deploy.margin import FULL, flown_uavs, landed_team
 from deploy.monitors import would_turn_back
 from deploy.settings import Settings
 from deploy.state import UAV_FINAL, PlanState, UavPhase, UavState, UgvPhase
@@ -77,15 +77,14 @@ def problem_now(
     ready = {
         u.index: _docked_until_s(turn, u) for u in turn.uavs if u.docked is not None and u.phase is not UavPhase.WAITING
     }
-    problem = replace(
-        base,
-        uavs=tuple(_uav(turn, u, ready.get(u.index), tolerance) for u in turn.uavs),
-        ugvs=tuple(_ugv(turn, g.index, ready) for g in turn.ugvs),
-        visited=np.array([v or m in given_up for m, v in enumerate(turn.visited)]),
-    )
+    uavs = tuple(_uav(turn, u, ready.get(u.index), tolerance) for u in turn.uavs)
+    ugvs = tuple(_ugv(turn, g.index, ready) for g in turn.ugvs)
     if landed:
-        problem = landed_waiting(problem, landing_s(turn.settings))
-    return as_flown(problem) if tolerance > 0 else problem
+        uavs, ugvs = landed_team(uavs, ugvs, landing_s(turn.settings))
+    if tolerance > 0:
+        uavs = flown_uavs(uavs, ugvs)
+    visited = np.array([v or m in given_up for m, v in enumerate(turn.visited)])
+    return replace(base, uavs=uavs, ugvs=ugvs, visited=visited)
 
 
 def _docked_until_s(turn: Turn, uav: UavState) -> float:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Annotated, Literal
 
 from annotated_types import Ge, Gt, Le
@@ -211,8 +212,12 @@ class Settings:
 
     def site_m(self, site: int) -> Vec2:
         """A site in the arena."""
-        x, y = self.problem.sites[site]
-        return self.frame.to_arena((float(x), float(y)))
+        return self.sites_m[site]
+
+    @cached_property
+    def sites_m(self) -> tuple[Vec2, ...]:
+        """Every site in the arena: path points, then the depot."""
+        return tuple(self.frame.to_arena((float(x), float(y))) for x, y in self.problem.sites)
 
     def pad_m(self, uav: int, site: int) -> Vec2:
         """A UAV's own landing place at a site; it waits above it too."""

@@ -118,7 +118,7 @@ class Turn:
 
     def nearest_site(self, position_m: Vec3) -> tuple[int, float]:
         """The nearest site and its distance, in arena m."""
-        distances = [math.dist(position_m[:2], self.site_m(s)) for s in range(len(self.settings.problem.sites))]
+        distances = [math.dist(position_m[:2], site_m) for site_m in self.settings.sites_m]
         best = min(range(len(distances)), key=distances.__getitem__)
         return best, distances[best]
 
@@ -197,19 +197,23 @@ class Turn:
 
     def way_of(self, unit: UavState | UgvState) -> TimedPath | None:
         """The unit's committed path from where it is now: one that is late is not yet where its path says."""
+        if isinstance(unit, UgvState) and unit.stuck and unit.path is not None and unit.track is not None:
+            return resting(unit.track.position_m, self.now_s)
+        return None if unit.path is None else unit.path.later(self.lateness_s(unit))
+
+    def lateness_s(self, unit: UavState | UgvState) -> float:
+        """How far the unit is behind the time of its committed path."""
         path, order, track = unit.path, unit.order, unit.track
         if path is None or track is None or order is None or not isinstance(order.command, GoTo | Drive):
-            return path
+            return 0.0
         if isinstance(unit, UgvState):
-            if unit.stuck:
-                return resting(track.position_m, self.now_s)
             left_s = unit.left_m / order.command.speed_mps
         else:
             first, end_m = path.knots[0], path.end_m
             length_m = math.dist(first[1:], end_m)
             share = math.dist(track.position_m, end_m) / length_m if length_m > 0 else 0.0
             left_s = min(1.0, share) * (path.rests_from_s - first[0])
-        return path.later(max(0.0, self.now_s + left_s - path.rests_from_s))
+        return max(0.0, self.now_s + left_s - path.rests_from_s)
 
     def uav_in_the_way(self, uav: int, path: TimedPath) -> str | None:
         """The flying UAV whose committed path conflicts with ``path``, or None."""
