@@ -240,7 +240,13 @@ def block(rng: np.random.Generator, draw: ImageDraw.ImageDraw, x0: int, y0: int,
 
 
 def write_geojson(path: Path, land: Land, geographic: bool) -> None:
-    """One feature a line, so that changes show in a diff."""
+    """Writes a map of this file."""
+    kinds = [("field", land.fields), ("wood", land.wood), ("water", land.water), ("building", land.buildings)]
+    write_areas(path, land, kinds, geographic)
+
+
+def write_areas(path: Path, land: Land, kinds: list[tuple[str, list[shapely.Polygon]]], geographic: bool) -> None:
+    """Areas of each kind in that order, then the roads; one feature a line, so that changes show in a diff."""
     back = Transformer.from_crs(
         f"+proj=aeqd +lat_0={FARM_LAT} +lon_0={FARM_LON} +datum=WGS84 +units=m", "EPSG:4326", always_xy=True
     )
@@ -252,12 +258,7 @@ def write_geojson(path: Path, land: Land, geographic: bool) -> None:
         return [[round(float(x), 7 if geographic else 1), round(float(y), 7 if geographic else 1)] for x, y in points]
 
     features = []
-    for kind, shapes in (
-        ("field", land.fields),
-        ("wood", land.wood),
-        ("water", land.water),
-        ("building", land.buildings),
-    ):
+    for kind, shapes in kinds:
         for shape in shapes:
             rings = [np.array(r.coords) for r in (shape.exterior, *shape.interiors)]
             features.append((kind, "Polygon", [numbers(r) for r in rings]))
