@@ -107,9 +107,9 @@ def _docked_until_s(turn: Turn, uav: UavState) -> float:
 
 def _uav(turn: Turn, uav: UavState, docked_until_s: float | None, tolerance: float) -> Uav:
     model, config = turn.settings.problem.uavs[uav.index], turn.settings.uavs[uav.index]
-    model = replace(model, reserve_j=max(0.0, model.reserve_j - tolerance * model.capacity_j))
+    reserve_j = max(0.0, model.reserve_j - tolerance * model.capacity_j)
     if uav.track is None:
-        return model
+        return replace(model, reserve_j=reserve_j)
     position = turn.settings.frame.to_world(uav.track.position_m[:2])
     if docked_until_s is not None:
         assert uav.docked is not None
@@ -120,13 +120,12 @@ def _uav(turn: Turn, uav: UavState, docked_until_s: float | None, tolerance: flo
         full = uav.phase in (UavPhase.DOCKING, UavPhase.CHARGING) or uav.charge_seen
         leaving_j = model.hover_w * turn.settings.problem.ugvs[uav.docked[0]].undock_s
         energy_j = max(0.0, (FULL * model.capacity_j if full else uav.energy_j) - leaving_j)
-        return replace(model, position=position, energy_j=energy_j, ready_s=docked_until_s)
+        return replace(model, position=position, energy_j=energy_j, reserve_j=reserve_j, ready_s=docked_until_s)
     ready_s = 0.0
     if uav.phase in (UavPhase.ON_PAD, UavPhase.TAKING_OFF, UavPhase.LANDING):
         climb_m = max(0.0, config.altitude_m - uav.track.position_m[2])
         ready_s = rest_to_rest_s(climb_m, config.climb_mps, config.accel_mps2) / turn.settings.frame.time_scale
     energy_j = max(0.0, uav.energy_j - model.hover_w * ready_s)  # the planner's UAV begins when it has climbed
-    reserve_j = model.reserve_j
     if energy_j < RESCUE_BELOW * turn.settings.problem.uavs[uav.index].reserve_j:
         # A UAV that has come below its reserve may use a part of it to be rescued; else no plan would exist. Judged
         # without the tolerance: what the planner may use when asked, its answer may use when it comes.
@@ -146,13 +145,21 @@ def _ugv(turn: Turn, index: int, ready: dict[int, float]) -> Ugv:
         docks[guest.docked[1]] = ready.get(guest.index, 0.0)
     if ugv.track is None:
         return model
-    base = replace(model, energy_j=ugv.energy_j, ready_s=0.0, dock_ready_s=tuple(docks), distance_to_m=None)
-    if ugv.site is not None:
-        at = None if ugv.site == turn.settings.problem.depot_index else ugv.site
-        return replace(base, path_point=at, position=None)
-    position = turn.settings.frame.to_world(ugv.track.position_m[:2])
-    distances = tuple(float(d) for d in turn.settings.roads.distances_from(position))
-    return replace(base, path_point=None, position=position, distance_to_m=distances)
+    at, position, distances = None, None, None
+    if ugv.site is None:
+        position = turn.settings.frame.to_world(ugv.track.position_m[:2])
+        distances = tuple(turn.settings.roads.distances_from(position).tolist())
+    elif ugv.site != turn.settings.problem.depot_index:
+        at = ugv.site
+    return replace(
+        model,
+        energy_j=ugv.energy_j,
+        ready_s=0.0,
+        dock_ready_s=tuple(docks),
+        path_point=at,
+        position=position,
+        distance_to_m=distances,
+    )
 
 
 def plan_state(
