@@ -16,8 +16,8 @@ _BLOCK = 4096  # numbers drawn at once; drawing each alone would cost more than 
 class Cameras:
     """The motion-capture system's eyes; looked through once a frame.
 
-    Dropouts, occlusions and lost vehicles are not tracked; a frozen body repeats its last pose to the bit; a swapped one
-    carries the pose of its partner.
+    Dropouts, occlusions and lost vehicles are not tracked; a frozen body repeats its last pose to the bit; a swapped
+    one carries the pose of its partner.
 
     Args:
         world: whose bodies are seen.

@@ -1,7 +1,7 @@
 """A simulated OptiTrack system: a NatNet server, as Motive is one, that streams every body of a world.
 
-``python -m sim_backends.wire.natnet_server --world FOLDER`` serves the shared world; without a world it shows the bodies
-named with ``--body``, standing still. Any NatNet client can connect: libmotioncapture, the NatNet SDK, ROS packages.
+``python -m sim_backends.wire.natnet_server --world FOLDER`` serves the shared world; without a world it shows the
+bodies named with ``--body``, standing still. Any NatNet client can connect: libmotioncapture, the NatNet SDK, ROS.
 """
 
 from __future__ import annotations
