@@ -105,6 +105,7 @@ class LoadedMap:
         project: longitude and latitude in degrees (n, 2) to world m; None where the map is not geographic.
         sources: the files read.
         data: the map_server file's keys, for copying; None for GeoJSON.
+        centre_deg: latitude and longitude around which ``project`` projects; None without it.
     """
 
     geometry: MapGeometry
@@ -112,3 +113,4 @@ class LoadedMap:
     project: Project | None
     sources: tuple[Source, ...]
     data: dict[str, Any] | None = None
+    centre_deg: tuple[float, float] | None = None

@@ -85,9 +85,11 @@ def load_geojson_map(path: Path, coordinates: str) -> LoadedMap:
     everything = np.vstack([line for _, line in shapes.lines] + [r for _, rings in shapes.areas for r in rings])
     bounds = _bbox(data, path) or _bounds(everything)
     project: Project | None = None
+    centre_deg: tuple[float, float] | None = None
     if not metric:
         _check_degrees(path, everything)
-        project = projection(0.5 * (bounds[0] + bounds[2]), 0.5 * (bounds[1] + bounds[3]))
+        lon, lat = 0.5 * (bounds[0] + bounds[2]), 0.5 * (bounds[1] + bounds[3])
+        project, centre_deg = projection(lon, lat), (lat, lon)
         x0, y0, x1, y1 = bounds
         bounds = _bounds(project(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])))
     to_world: Project = project if project is not None else np.asarray
@@ -104,7 +106,7 @@ def load_geojson_map(path: Path, coordinates: str) -> LoadedMap:
         base = RoadNetwork.from_lines(roads, np.zeros((0, 2)))
     except RoadError as error:
         raise InputError(str(error), file=path) from None
-    return LoadedMap(geometry, base.with_sites, project, (Source("map", path, raw),))
+    return LoadedMap(geometry, base.with_sites, project, (Source("map", path, raw),), centre_deg=centre_deg)
 
 
 def projection(lon: float, lat: float) -> Project:

@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 from deploy.errors import InputError
 from deploy.maps import Array, LoadedMap, MapGeometry, MapImage, Source, Ways
 from deploy.mission_errors import validate
-from deploy.mission_model import Section
+from deploy.section import Section
 from deploy.settings import Fraction, Positive
 from deploy.yaml_file import Document, read_bytes, read_yaml
 from planner.occupancy import OccupancyRoads

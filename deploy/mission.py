@@ -13,7 +13,9 @@ from typing import Any, Literal
 import numpy as np
 
 from deploy.check_limits import CheckLimits
+from deploy.driver_options import DriverOptions
 from deploy.errors import InputError
+from deploy.localisation import Localisation, geo_frame
 from deploy.maps import LoadedMap, MapGeometry, Region, Source
 from deploy.maps_geojson import load_geojson_map
 from deploy.maps_occupancy import load_occupancy_map
@@ -34,6 +36,7 @@ from deploy.mission_settings import (
 from deploy.mission_sites import SiteMaker
 from deploy.settings import Settings
 from deploy.yaml_file import Document, KeyPath, read_yaml
+from drivers.geodesy import GeoFrame
 from planner.errors import PlannerError
 from planner.problem import Problem
 from planner.roads import Roads
@@ -54,6 +57,7 @@ class FleetVehicle:
         driver: ``crazyflie``, ``limo`` or ``mavlink``; None where only simulators fly it.
         endpoint: radio URI, ROS namespace or MAVLink connection string; None likewise.
         sysid: MAVLink system id.
+        options: of the driver; None: its defaults.
     """
 
     id: str
@@ -62,6 +66,7 @@ class FleetVehicle:
     driver: str | None
     endpoint: str | None
     sysid: int | None
+    options: DriverOptions | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +88,10 @@ class Mission:
         faults: scripted ones, for simulators.
         random_faults: drawn ones, for simulators.
         fleet: all vehicles, UAVs then UGVs, in the problem's order.
+        fleet_source: where they stand, for errors and files named beside them.
+        localisation: who tells where the vehicles are; None where only simulators do.
+        geo: the arena on the globe; None indoors.
+        dock_tolerance_m: largest misalignment of a UAV on a dock, arena m, by UGV.
         sources: every file read, with its bytes.
         data: the mission file's plain data, overrides included, for the copy.
         map_data: a map_server file's plain data, likewise.
@@ -103,6 +112,10 @@ class Mission:
     faults: tuple[Fault, ...]
     random_faults: RandomFaults | None
     fleet: tuple[FleetVehicle, ...]
+    fleet_source: Fleet
+    localisation: Localisation | None
+    geo: GeoFrame | None
+    dock_tolerance_m: dict[str, float]
     sources: tuple[Source, ...]
     data: dict[str, Any]
     map_data: dict[str, Any] | None
@@ -127,7 +140,10 @@ class Mission:
             sorted(s.failsafe.items()),
             s.beside,
         )
-        rest = (self.seed, self.planner, self.checks, self.faults, self.random_faults, self.fleet)
+        rest = (
+            (self.seed, self.planner, self.checks, self.faults, self.random_faults, self.fleet),
+            (self.localisation, sorted(self.dock_tolerance_m.items())),
+        )
         return hashlib.sha256(repr((self.problem.digest, core, rest)).encode()).hexdigest()
 
 
@@ -186,6 +202,12 @@ def load(path: Path | str, overrides: Mapping[str, Any] | None = None) -> Missio
         failsafe=dict(config.failsafe),
         beside=sites.beside,
     )
+    geo = None
+    if config.localisation is not None and config.localisation.source == "vehicles":
+        try:
+            geo = geo_frame(frame, map_.centre_deg)
+        except ValueError as error:
+            raise document.error(str(error), ("localisation", "source")) from None
     seed = config.planner.seed if config.planner.seed is not None else config.seed
     return Mission(
         path=path,
@@ -203,6 +225,10 @@ def load(path: Path | str, overrides: Mapping[str, Any] | None = None) -> Missio
         faults=config.faults,
         random_faults=config.random_faults,
         fleet=_ordered(fleet),
+        fleet_source=fleet,
+        localisation=config.localisation,
+        geo=geo,
+        dock_tolerance_m=_dock_tolerances_m(config, fleet),
         sources=(Source("mission", path, document.raw), *fleet_sources, *map_.sources, *sites.sources),
         data=document.data,
         map_data=map_.data,
@@ -282,4 +308,9 @@ def _named(document: Document, name: str, key: KeyPath) -> Path:
 
 def _ordered(fleet: Fleet) -> tuple[FleetVehicle, ...]:
     everyone = [*fleet.uavs.items(), *fleet.ugvs.items()]
-    return tuple(FleetVehicle(n, v.kind, v.body or n, v.driver, v.endpoint, v.sysid) for n, v in everyone)
+    return tuple(FleetVehicle(n, v.kind, v.body or n, v.driver, v.endpoint, v.sysid, v.options) for n, v in everyone)
+
+
+def _dock_tolerances_m(config: MissionConfig, fleet: Fleet) -> dict[str, float]:
+    default_m = min(0.3, 0.1 * config.separation.horizontal_m)
+    return {n: v.dock_tolerance_m if v.dock_tolerance_m is not None else default_m for n, v in fleet.ugvs.items()}

@@ -10,14 +10,17 @@ from typing import Annotated, Any, Literal
 from annotated_types import Ge, Le
 from pydantic import Field, model_validator
 
+from deploy.driver_options import DriverOptions, MavlinkSection
 from deploy.errors import InputError
 from deploy.mission_errors import validate
-from deploy.mission_model import XY, FleetSection, Section, suggestion
+from deploy.mission_model import XY, FleetSection, suggestion
+from deploy.section import Section
 from deploy.settings import NotNegative, Positive
 from deploy.yaml_file import Document, KeyPath
 from planner.problem import UAV_CAPACITY_J, UGV_CAPACITY_J, uav_power_w, ugv_power_w
 
 Driver = Literal["crazyflie", "limo", "mavlink"]
+DRIVERS: tuple[Driver, ...] = ("crazyflie", "limo", "mavlink")
 _ENDPOINTS: dict[str, tuple[str, str]] = {
     "crazyflie": (
         r"radio://\d+/\d{1,3}/(250K|1M|2M)(/[0-9A-Fa-f]{10})?|udp://[^\s/:]+:\d{1,5}|usb://\d+",
@@ -42,6 +45,8 @@ class _Vehicle(Section):
     """Crazyflie: radio URI; Limo: ROS namespace; MAVLink: connection string."""
     sysid: Annotated[int, Ge(1), Le(250)] | None = None
     """MAVLink system id of the vehicle."""
+    mavlink: MavlinkSection | None = None
+    """Options of driver mavlink."""
     speed_mps: Positive
     """Cruise speed in the world, m/s."""
     capacity_j: Positive
@@ -52,6 +57,12 @@ class _Vehicle(Section):
     """What the gate lets pass, arena m/s; default: 1.5 times the cruise speed there."""
     accel_mps2: Positive
     """Of starts and stops, arena m/s^2."""
+
+    @property
+    def options(self) -> DriverOptions | None:
+        """What the file says about its driver."""
+        found: DriverOptions | None = getattr(self, self.driver, None) if self.driver is not None else None
+        return found
 
     @model_validator(mode="after")
     def _consistent(self) -> _Vehicle:
@@ -67,6 +78,12 @@ class _Vehicle(Section):
                 raise ValueError(f"endpoint {self.endpoint!r} is none of a {self.driver}; write e.g. {example}")
         if self.sysid is not None and self.driver != "mavlink":
             raise ValueError(f"sysid ({self.sysid}) is only for driver mavlink; leave it out")
+        if self.driver == "mavlink" and self.endpoint is not None and self.sysid is None:
+            raise ValueError(f"sysid is missing for the MAVLink vehicle at {self.endpoint!r}; give its system id")
+        for driver in DRIVERS:
+            if getattr(self, driver, None) is not None and self.driver != driver:
+                what = "there is no driver" if self.driver is None else f"driver is {self.driver}"
+                raise ValueError(f"{driver} holds options of driver {driver}, but {what}; leave it out")
         return self
 
 
@@ -157,6 +174,8 @@ class UgvConfig(_Vehicle):
     """UAVs that can charge at once."""
     dock_spacing_m: Positive = 1.0
     """Between docks, in a row along the UGV, arena m."""
+    dock_tolerance_m: Positive | None = None
+    """Largest misalignment of a UAV on a dock, arena m; default: a tenth of separation.horizontal_m, at most 0.3."""
     dock_offsets_m: tuple[XY, ...] | None = None
     """Each dock relative to the UGV (x forward, y left), arena m; default: a row."""
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import BaseModel, Discriminator, Field, Tag, field_validator, model_validator
 
 from deploy.check_limits import CheckLimits
 from deploy.events import Action, EventKind
 from deploy.failsafe import override_problem
+from deploy.localisation import Localisation
+from deploy.section import Section
 from deploy.settings import Monitors, NotNegative, Positive, Replanning, Separation
 from planner.solve import METHODS
 from sim_backends.faults import Fault
@@ -17,14 +19,6 @@ from sim_backends.faults import Fault
 Count = Annotated[int, Ge(1), Le(10_000)]
 Seed = Annotated[int, Ge(0), Le(2**32 - 1)]
 XY = tuple[float, float]
-
-
-class Section(BaseModel):
-    """Strict: no unknown keys, no text for numbers, no infinities."""
-
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, use_attribute_docstrings=True
-    )
 
 
 class LonLat(Section):
@@ -241,6 +235,8 @@ class MissionConfig(Section):
     """The vehicles."""
     arena: Arena = Arena()
     """Where it is flown."""
+    localisation: Localisation | None = None
+    """Who tells where the vehicles are; simulators can do without."""
     energy: Energy = Energy()
     """Where energies come from."""
     planner: Planner = Planner()

@@ -36,6 +36,10 @@ def reference() -> str:
         schema = model.model_json_schema()
         schema["properties"] = {k: v for k, v in schema["properties"].items() if k not in own}
         parts.append(f"### {title}\n\n" + _table(schema))
+    options = {**UavConfig.model_json_schema().get("$defs", {}), **UgvConfig.model_json_schema().get("$defs", {})}
+    for name, section in sorted(options.items()):
+        about = section.get("description", "").partition("\n")[0]
+        parts.append(f"### Fleet: `{name.removesuffix('Options').lower()}`\n\n{about}\n\n{_table(section)}")
     return "\n".join(parts)
 
 
@@ -71,8 +75,10 @@ def _table(section: dict[str, Any]) -> str:
 
 def _attribute(docstring: str, key: str) -> str:
     """What the ``Attributes:`` of a docstring say about ``key``."""
-    found = re.search(rf"^ *{key}: (.*)$", docstring, re.MULTILINE)
-    return found[1] if found else ""
+    entry = rf"^( *)(?:[\w, ]+, )?{key}(?:, [\w, ]+)?: (.*(?:\n\1 +\S.*)*)"
+    found = re.search(entry, docstring, re.MULTILINE)
+    text = " ".join(found[2].split()) if found else ""
+    return text[:1].upper() + text[1:]
 
 
 def _default(value: dict[str, Any]) -> str:

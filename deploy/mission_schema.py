@@ -32,13 +32,17 @@ def fleet_schema() -> dict[str, Any]:
 
 def _vehicle_definitions() -> dict[str, Any]:
     properties: dict[str, Any] = {"type": {"type": "string", "description": "A name under `types`."}}
+    options: dict[str, Any] = {}
     for model in (UgvConfig, UavConfig):
-        properties.update(model.model_json_schema()["properties"])
+        full = model.model_json_schema()
+        properties.update(full["properties"])
+        options.update(full.get("$defs", {}))
     properties["kind"] = {"enum": ["uav", "ugv"], "description": "UAV or UGV."}
     for key, values in properties.items():
         if key not in ("type", "kind"):
             values.pop("default", None)  # UAVs and UGVs differ, an editor would show one of both
-    return {"VehicleKeys": {"type": "object", "additionalProperties": False, "properties": properties}}
+    keys = {"type": "object", "additionalProperties": False, "properties": properties}
+    return {"VehicleKeys": keys, **options}
 
 
 def _use_vehicle_keys(properties: dict[str, Any]) -> None:
