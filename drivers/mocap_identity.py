@@ -1,7 +1,7 @@
 """The identity check: each vehicle is moved by hand in turn, and the body that moves must be the one it is said to be.
 
-Nothing else finds two vehicles whose names are exchanged before they fly. The state machine is pure; ``identify`` runs it
-on a pose source with a clock.
+Nothing else finds two vehicles whose names are exchanged before they fly. The state machine is pure; ``identify``
+runs it on a pose source with a clock.
 """
 
 from __future__ import annotations
@@ -170,9 +170,9 @@ class IdentityCheck:
             return [self._waiting(hidden, restless)]
         told = []
         for vehicle in list(self._queue):
-            body = self._wanted[vehicle]
             if vehicle in hidden:
-                text = f"{vehicle}: motion capture does not see its body {body!r}; look at its markers and its name"
+                own = self._wanted[vehicle]
+                text = f"{vehicle}: motion capture does not see its body {own!r}; look at its markers and its name"
                 told += self._conclude(vehicle, "not seen", None, text, now_s)
             elif restless:
                 text = f"{vehicle}: {', '.join(restless)} never stood still; put everything down and check again"

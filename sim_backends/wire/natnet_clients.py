@@ -7,11 +7,12 @@ two ports.
 
 from __future__ import annotations
 
-import contextlib
 import socket
 from dataclasses import dataclass, field
 
 Address = tuple[str, int]
+
+_NOWHERE = "127.88.88.88"
 
 GRACE_S = 3.0
 """A client binds its data port only after it has read the model: until then a closed port means nothing."""
@@ -21,7 +22,8 @@ GRACE_S = 3.0
 class _Client:
     command: Address
     port: int
-    socket: socket.socket
+    sender: socket.socket
+    reservation: socket.socket | None
     since_s: float
     wants_frames: bool = field(default=False)
 
@@ -46,12 +48,13 @@ class Clients:
         known = self._clients.get(command)
         if known is not None:
             return known.port
-        port = self._free_port(command[0])
+        kept = self._reserve(command[0])
+        port = self._data_port if kept is None else int(kept.getsockname()[1])
         sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         sender.setblocking(False)
         sender.bind((self._address, 0))
         sender.connect((command[0], port))  # connected, it learns when nobody listens there any more
-        self._clients[command] = _Client(command, port, sender, now_s)
+        self._clients[command] = _Client(command, port, sender, kept, now_s)
         return port
 
     def begin(self, command: Address) -> None:
@@ -62,8 +65,11 @@ class Clients:
     def leave(self, command: Address) -> None:
         """The client said goodbye."""
         client = self._clients.pop(command, None)
-        if client is not None:
-            client.socket.close()
+        if client is None:
+            return
+        client.sender.close()
+        if client.reservation is not None:
+            client.reservation.close()
 
     def send(self, packet: bytes, now_s: float) -> None:
         """Sends one frame to everybody; forgets those that have gone."""
@@ -73,7 +79,7 @@ class Clients:
                     self.leave(client.command)
                 continue
             try:
-                client.socket.send(packet)
+                client.sender.send(packet)
             except ConnectionRefusedError:
                 if now_s - client.since_s > GRACE_S:
                     self.leave(client.command)
@@ -85,19 +91,26 @@ class Clients:
         for command in list(self._clients):
             self.leave(command)
 
-    def _free_port(self, host: str) -> int:
+    def _reserve(self, host: str) -> socket.socket | None:
+        """Keeps a port for a new client; None when there is none to be had, which the client has to live with."""
         if self._data_port == 0:
-            return _bindable(0) or 0
+            return _reserved(0)
         taken = {client.port for client in self._clients.values() if client.command[0] == host}
-        for port in range(self._data_port, min(self._data_port + 100, 65536)):
-            if port not in taken and _bindable(port):
-                return port
-        return self._data_port
+        ports = range(self._data_port, min(self._data_port + 100, 65536))
+        return next((kept for port in ports if port not in taken and (kept := _reserved(port))), None)
 
 
-def _bindable(port: int) -> int | None:
-    """The port if nobody here listens on it (a free one for 0): the client may be on this machine."""
-    with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("", port))
-        return int(probe.getsockname()[1])
-    return None
+def _reserved(port: int) -> socket.socket | None:
+    """A socket that keeps a port (0: any) from other servers, None when it is in use.
+
+    It is bound to an address that nobody sends to, so that it takes no frame away, and becomes shareable only then: the
+    client's own socket, which is bound to every address, can join it, another reservation cannot.
+    """
+    kept = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        kept.bind((_NOWHERE, port))
+    except OSError:
+        kept.close()
+        return None
+    kept.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    return kept
