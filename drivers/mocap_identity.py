@@ -88,6 +88,7 @@ class _Body:
     def __init__(self, pose: Pose, now_s: float) -> None:
         self.at_m = self.anchor_m = self.rest_m = pose.position_m
         self.seen_s = self.since_s = now_s
+        self.peak_m: float | None = None  # how high it has been since somebody took it; None: nobody has
         self._stamp_s = pose.stamp_s
 
     def see(self, pose: Pose, now_s: float, smooth_s: float, still_m: float) -> None:
@@ -99,6 +100,16 @@ class _Body:
         self._stamp_s, self.seen_s = pose.stamp_s, now_s
         if math.dist(self.at_m, self.anchor_m) > still_m:
             self.anchor_m, self.since_s = self.at_m, now_s
+
+    def in_hand(self, still_m: float, moved_m: float) -> bool:
+        """Whether it is still up where it was lifted to: a steady hand is as still as the floor."""
+        if self.peak_m is None:
+            return False
+        height_m = self.at_m[2]
+        self.peak_m = max(self.peak_m, height_m)
+        if abs(height_m - self.rest_m[2]) <= still_m or height_m <= self.peak_m - moved_m:
+            self.peak_m = None
+        return self.peak_m is not None
 
 
 class IdentityCheck:
@@ -207,8 +218,8 @@ class IdentityCheck:
                 return self._conclude(vehicle, "pass", None, text, now_s)
             text = f"{vehicle}: {own!r} has moved, but {', '.join(sorted(others))}, too; move one at a time"
             return self._conclude(vehicle, "unclear", others[0], text, now_s)
-        most, *rest = sorted(far_m, key=lambda b: -far_m[b])
-        if any(not self._carried(b, most) for b in rest):
+        most = min(far_m, key=lambda b: self._bodies[b].rest_m[2])  # the lowest one carries the others
+        if any(not self._carried(b, most) for b in far_m):
             text = f"{vehicle}: {', '.join(sorted(far_m))} have moved, {own!r} has not; move one at a time"
             return self._conclude(vehicle, "unclear", most, text, now_s)
         holder = next((v for v, body in self._wanted.items() if body == most), None)
@@ -235,6 +246,8 @@ class IdentityCheck:
         if phase is _Phase.SETTLE:
             for body in self._bodies.values():
                 body.anchor_m, body.since_s = body.at_m, now_s
+                if math.dist(body.at_m, body.rest_m) > self._options.moved_m:
+                    body.peak_m = body.at_m[2]
 
     def _waiting(self, hidden: list[str], restless: list[str]) -> str:
         unseen = [self._wanted[v] for v in hidden]
@@ -246,7 +259,8 @@ class IdentityCheck:
         return body in self._bodies and now_s - self._bodies[body].seen_s <= self._options.seen_s
 
     def _restless(self, name: str, body: _Body, now_s: float) -> bool:
-        return self._seen(name, now_s) and now_s - body.since_s < self._options.still_s
+        in_hand = body.in_hand(self._options.still_m, self._options.moved_m)
+        return in_hand or (self._seen(name, now_s) and now_s - body.since_s < self._options.still_s)
 
     def _carried(self, body: str, by: str) -> bool:
         """Whether a body stood so near another that it may be on it."""
