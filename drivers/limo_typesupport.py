@@ -3,12 +3,12 @@
 rclpy finds out about a message type through a C structure, ``rosidl_message_type_support_t``, that generated code hands
 over. Subscribing to and publishing serialised messages uses little of it: the type's name, the size of its buffers,
 its hash and, for the type object that Fast DDS registers, the list of its fields. So this file makes that structure at
-run time with ctypes, from the one of ``std_msgs/msg/Header``, which is a LimoStatus' first field. Only raw subscriptions
-and ``publish(bytes)`` may be used with it: nothing converts the other fields.
+run time with ctypes, from the one of ``std_msgs/msg/Header``, which is a LimoStatus' first field. Only raw
+subscriptions and ``publish(bytes)`` may be used with it: nothing converts the other fields.
 
 The layouts are those of ROS 2 Jazzy (message_type_support_struct.h of rosidl_runtime_c 4.6, message_type_support.h of
-rosidl_typesupport_fastrtps_cpp 3.6, message_introspection.h of rosidl_typesupport_introspection_c 4.6), the release whose
-wheels this project installs. What the robot runs does not matter: on the wire only the name
+rosidl_typesupport_fastrtps_cpp 3.6, message_introspection.h of rosidl_typesupport_introspection_c 4.6), the release
+whose wheels this project installs. What the robot runs does not matter: on the wire only the name
 ``limo_msgs::msg::dds_::LimoStatus_`` counts, which Humble and Jazzy share.
 """
 

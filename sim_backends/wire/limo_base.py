@@ -3,8 +3,8 @@
 Sources: ``limo_driver.cpp`` and ``limo_driver.h`` of agilexrobotics/limo_ros2 (conversion of the Twist, error bits,
 odometry, the status' stamp); the Limo's manual (1 m/s, turning radius 0.4 m, 12.6 V full, 8.25 V cut-off). The ROS
 driver has no watchdog. The Limo's manual is silent about its firmware; AgileX' manuals of the sister chassis with the
-same frame 0x111 (Scout 2.0, Tracer Mini: "receive-timeout 500 ms") have it stop half a second after the last command, and
-so does this one. ``command_timeout_s=inf`` is a firmware without one.
+same frame 0x111 (Scout 2.0, Tracer Mini: "receive-timeout 500 ms") have it stop half a second after the last command,
+and so does this one. ``command_timeout_s=inf`` is a firmware without one.
 """
 
 from __future__ import annotations
