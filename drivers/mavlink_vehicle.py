@@ -1,0 +1,592 @@
+"""What MAVLink copters and rovers have in common: connecting, telemetry, arming, the emergency stop, liveness.
+
+Threads: the loop calls the public methods, which only hand over; everything else happens in the link's thread.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import math
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from drivers import mavlink_ardupilot, mavlink_px4
+from drivers import mavlink_words as w
+from drivers.clock import Clock
+from drivers.errors import DriverError
+from drivers.geodesy import GeoFrame
+from drivers.limits import PoseBook
+from drivers.mavlink_checks import Shown, findings
+from drivers.mavlink_commands import Desk, Request, request
+from drivers.mavlink_dialect import Dialect, described, kind_of
+from drivers.mavlink_frames import MavlinkFrame
+from drivers.mavlink_link import Link, key_is_open
+from drivers.mavlink_motion import Reference
+from drivers.mavlink_options import MavlinkOptions
+from drivers.mavlink_telemetry import Telemetry, parameter_value
+from drivers.vehicle import Command, Kind, Pose, SelfCheck, StopMotors, VehicleState
+
+logger = logging.getLogger(__name__)
+
+DIALECTS: dict[tuple[int, str], Dialect] = {
+    (w.PX4, "uav"): mavlink_px4.COPTER,
+    (w.PX4, "ugv"): mavlink_px4.ROVER,
+    (w.ARDUPILOT, "uav"): mavlink_ardupilot.COPTER,
+    (w.ARDUPILOT, "ugv"): mavlink_ardupilot.ROVER,
+}
+KILL_EVERY_S = 0.1
+"""The emergency stop is repeated so often until a heartbeat confirms it."""
+KILL_AT_LEAST_S = 0.5
+TERMINATE_AFTER_S = 0.7
+"""Without effect for so long, flight termination is asked for as well."""
+KILL_AT_MOST_S = 20.0
+"""Afterwards a vehicle that is armed again is somebody else's business."""
+PARAMETER_EVERY_S = 0.4
+PARAMETER_TRIES = 6
+STREAM_WAIT_S = 2.0
+"""Streams that were acknowledged show within this, or the check says so."""
+POLL_S = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """A message that is asked for.
+
+    Attributes:
+        name, number: of the message.
+        rate: ``fast`` and ``status`` as the options say, ``slow`` twice a second, ``once``.
+        needed: without it there is no flight; others may come late or never.
+    """
+
+    name: str
+    number: int
+    rate: Literal["fast", "status", "slow", "once"]
+    needed: bool = False
+
+
+class MavlinkVehicle:
+    """The common part of ``MavlinkUav`` and ``MavlinkUgv``."""
+
+    kind: Kind
+    _streams: tuple[Stream, ...] = ()
+
+    def __init__(
+        self,
+        id: str,
+        endpoint: str,
+        *,
+        body: str,
+        sysid: int,
+        book: PoseBook,
+        frame: GeoFrame | None,
+        clock: Clock,
+        options: MavlinkOptions,
+    ) -> None:
+        if not 1 <= sysid <= 255 or sysid == options.system_id:
+            raise DriverError(f"{id}: sysid is {sysid!r}; give 1 to 255, other than this station's {options.system_id}")
+        self._id, self._endpoint, self._body, self._sysid = id, endpoint, body, sysid
+        self._book, self._clock, self._options = book, clock, options
+        self._frame = MavlinkFrame(frame, options.floor_amsl_m or 0.0)
+        self._floor_known = frame is None or options.floor_amsl_m is not None
+        self._telemetry = Telemetry()
+        self._desk = Desk(self._send_command, self._on_refusal)
+        self._dialect: Dialect | None = None
+        self._link: Link | None = None
+        self._inbox: deque[Command] = deque()
+        self._lock = threading.Lock()
+        self._called_s = -math.inf
+        self._pose: Pose | None = None
+        self._posed_s = -math.inf
+        self._arrived: set[str] = set()
+        self._wanted_streams: list[Stream] = []
+        self._parameters: dict[str, float] = {}
+        self._parameter_tries: dict[str, tuple[int, float]] = {}
+        self._refusal: tuple[str, float] | None = None
+        self._error: str | None = None
+        self._stopped_s: float | None = None
+        self._stop_sent_s = -math.inf
+        self._stop_shown = False
+        self._ticked_s: float | None = None
+        self._snapshot = VehicleState(id, stamp_s=0.0, link=False, armed=False)
+
+    # --------------------------------------------------------------------------------------- the loop's side
+
+    @property
+    def id(self) -> str:
+        """Its id in the fleet."""
+        return self._id
+
+    @property
+    def sysid(self) -> int:
+        """Its MAVLink system id."""
+        return self._sysid
+
+    @property
+    def body(self) -> str:
+        """Its name in poses."""
+        return self._body
+
+    @property
+    def outdoors(self) -> bool:
+        """Positioned by satellites."""
+        return self._frame.geo is not None
+
+    def connect(self, deadline_s: float) -> None:
+        """Opens the endpoint, finds the vehicle, asks for its telemetry and reads its safety parameters.
+
+        Raises:
+            DriverError: naming the endpoint, who was heard instead, and the remedy.
+        """
+        if self._link is not None:
+            return
+        self._called_s = self._clock.now()
+        self._desk = Desk(self._send_command, self._on_refusal)
+        # a fresh start: what was known before a close is old; a latched emergency stop is not forgotten
+        self._telemetry, self._arrived = Telemetry(), set()
+        try:
+            self._link = Link.board(
+                self._endpoint, self._options, self._clock, self, max(0.1, deadline_s - self._clock.now())
+            )
+        except DriverError as error:
+            raise DriverError(f"{self._id}: {error}") from error
+        try:
+            self._wait(lambda: self._telemetry.heartbeat_s > -math.inf, deadline_s, self._nobody)
+            self._identify()
+            self._prepare()
+            needed = {stream.name for stream in self._streams if stream.needed}
+            self._wait(lambda: needed <= self._arrived, deadline_s, lambda: self._mute(needed - self._arrived))
+            self._wait_quietly(self._is_prepared, min(deadline_s, self._clock.now() + 10.0))
+        except DriverError:
+            self.close()
+            raise
+
+    def state(self) -> VehicleState:
+        """The newest snapshot; also tells that the loop lives."""
+        now_s = self._called_s = self._clock.now()
+        return replace(self._snapshot, link=self._link_up(now_s))
+
+    def send(self, command: Command) -> Command:
+        """Hands ``command`` to the link's thread, limited to what the vehicle may do; never blocks.
+
+        Raises:
+            DriverError: not connected, not for this vehicle, of the wrong kind, or with unusable values.
+        """
+        if command.vehicle != self._id:
+            raise DriverError(f"{self._id}: {type(command).__name__} is for {command.vehicle!r}; send it there")
+        self._check(command)
+        link = self._link
+        if link is None:
+            raise DriverError(f"{self._id}: not connected; call connect first")
+        sent = self._limited(command)
+        self._called_s = self._clock.now()
+        with self._lock:
+            if isinstance(sent, StopMotors):
+                self._inbox.clear()
+            self._inbox.append(sent)
+        link.wake()
+        return sent
+
+    def feed_pose(self, pose: Pose) -> None:
+        """Notes ``pose`` for all; indoors it is handed to the vehicle's own estimator."""
+        self._book.put(pose)
+        self._called_s = self._clock.now()
+        link = self._link
+        if link is None or pose.body != self._body or self.outdoors:
+            return
+        self._pose = pose
+        link.wake()
+
+    def self_checks(self) -> Sequence[SelfCheck]:
+        """What its telemetry and parameters show."""
+        link, dialect = self._link, self._dialect
+        if link is None or dialect is None:
+            return (SelfCheck("link", "fail", f"not connected to {self._endpoint}"),)
+        now_s = self._clock.now()
+        missing = [stream.name for stream in self._streams if stream.name not in self._arrived]
+        shown = Shown(
+            kind=self.kind,
+            dialect=dialect,
+            options=self._options,
+            telemetry=self._telemetry,
+            parameters=dict(self._parameters),
+            outdoors=self.outdoors,
+            pose=self._book.get(self._body),
+            now_s=now_s,
+            streams_missing=tuple(missing),
+            signing=link.signed,
+            unsigned=link.rejected,
+            key_is_open=key_is_open(self._options.signing_key_file),
+            lost=link.lost(self._sysid),
+        )
+        return tuple(findings(shown))
+
+    def close(self) -> None:
+        """Leaves the link and sends nothing: what the vehicle then does is its own failsafe's."""
+        link, self._link = self._link, None
+        if link is not None:
+            link.leave(self)
+
+    # ------------------------------------------------------------------------------------------- connecting
+
+    def _wait(self, done: Callable[[], bool], deadline_s: float, error: Callable[[], str]) -> None:
+        if not self._wait_quietly(done, deadline_s):
+            raise DriverError(f"{self._id}: {error()}")
+
+    def _wait_quietly(self, done: Callable[[], bool], deadline_s: float) -> bool:
+        while not done():
+            now_s = self._called_s = self._clock.now()
+            if now_s >= deadline_s:
+                return False
+            self._clock.wait_until(min(deadline_s, now_s + POLL_S))
+        return True
+
+    def _nobody(self) -> str:
+        assert self._link is not None
+        heard = {k: v for k, v in self._link.heard.items() if k != self._sysid}
+        said = f"no heartbeat of system {self._sysid} at {self._endpoint}"
+        if heard:
+            others = ", ".join(f"system {k} ({described(v.autopilot, v.type)})" for k, v in sorted(heard.items()))
+            return f"{said}; heard {others}: correct `sysid` in the fleet file or the id on the vehicle"
+        if self._link.rejected:
+            return f"{said}; what came was not signed with our key: give all vehicles the same key"
+        return f"{said}, nor of anybody else: check power, radio, address and port, and its MAVLink output"
+
+    def _mute(self, missing: set[str]) -> str:
+        names = ", ".join(sorted(missing))
+        return f"it is there but does not send {names} at {self._endpoint}: check its stream rates and the link"
+
+    def _identify(self) -> None:
+        t = self._telemetry
+        what = described(t.autopilot, t.type)
+        if kind_of(t.type) != self.kind:
+            wanted = "a copter" if self.kind == "uav" else "a rover"
+            raise DriverError(
+                f"{self._id}: system {self._sysid} at {self._endpoint} is a {what}, not {wanted}; "
+                "correct the fleet file or the vehicle's frame"
+            )
+        dialect = DIALECTS.get((t.autopilot, self.kind))
+        if dialect is None:
+            raise DriverError(f"{self._id}: system {self._sysid} at {self._endpoint} is a {what}; use PX4 or ArduPilot")
+        self._adopt(dialect)
+        self._dialect = dialect
+
+    def _adopt(self, dialect: Dialect) -> None:
+        """Makes ready for the dialect; before the link's thread looks at it."""
+
+    def _prepare(self) -> None:
+        """Asks, through the inbox of the link's thread, for telemetry and parameters."""
+        assert self._dialect is not None
+        self._parameter_tries = dict.fromkeys(self._dialect.parameters, (0, -math.inf))
+        self._wanted_streams = [
+            *self._streams,
+            Stream(*self._dialect.estimator, "slow"),
+            Stream("AUTOPILOT_VERSION", w.AUTOPILOT_VERSION, "once"),
+        ]
+        if self._dialect.wants_origin and not self.outdoors:
+            self._wanted_streams.append(Stream("GPS_GLOBAL_ORIGIN", w.GPS_GLOBAL_ORIGIN, "once"))
+
+    def _is_prepared(self) -> bool:
+        return not self._wanted_streams and not self._parameter_tries and self._desk.idle
+
+    def _ask_for_telemetry(self, now_s: float) -> None:
+        """One interval after another: only one command of a kind may be pending."""
+        if self._wanted_streams and self._desk.idle:
+            stream = self._wanted_streams.pop(0)
+            if stream.rate == "once":
+                wanted = request(f"message {stream.name}", w.REQUEST_MESSAGE, stream.number, loud=False)
+            else:
+                hz = {"fast": self._options.telemetry_hz, "status": self._options.status_hz}.get(stream.rate, 2.0)
+                interval_us = 1e6 / hz
+                wanted = request(
+                    f"rate of {stream.name}", w.SET_MESSAGE_INTERVAL, stream.number, interval_us, loud=False
+                )
+            self._desk.ask(wanted, now_s)
+        due = [n for n, (_, at_s) in self._parameter_tries.items() if now_s - at_s >= PARAMETER_EVERY_S]
+        for name in due:
+            tries, _ = self._parameter_tries[name]
+            if tries >= PARAMETER_TRIES or (tries >= 2 and name in self._optional()):
+                del self._parameter_tries[name]
+                continue
+            self._parameter_tries[name] = (tries + 1, now_s)
+            self._put("param_request_read", self._sysid, w.AUTOPILOT_COMPONENT, name.encode(), -1)
+
+    def _optional(self) -> tuple[str, ...]:
+        """Parameters of other versions, not worth waiting for."""
+        return ("MAV_GCS_SYSID", "EKF2_EV_CTRL")
+
+    # --------------------------------------------------------------------------------------- the link's side
+
+    def alive(self, now_s: float) -> bool:
+        """Whether the loop has called lately."""
+        return now_s - self._called_s <= self._options.loop_silence_s
+
+    def on_message(self, message: Any, now_s: float) -> None:
+        """Takes a message of its autopilot."""
+        name = message.get_type()
+        t = self._telemetry
+        if name == "GLOBAL_POSITION_INT" and not self._floor_known and not (message.lat == 0 and message.lon == 0):
+            self._frame = replace(self._frame, floor_amsl_m=message.alt * 1e-3 - self._standing_m())
+            self._floor_known = True
+        t.take(message, now_s, self._frame)
+        self._arrived.add(name)
+        if name == "COMMAND_ACK":
+            if message.target_system in (0, self._options.system_id):
+                self._desk.answered(message.command, message.result, now_s)
+                if message.result == w.ACCEPTED and message.command in (w.DO_SET_MODE, w.ARM_DISARM):
+                    # heartbeats come once a second: ask for the effect
+                    self._desk.settled("heartbeat")
+                    self._desk.ask(request("heartbeat", w.REQUEST_MESSAGE, w.HEARTBEAT, loud=False), now_s)
+        elif name == "PARAM_VALUE":
+            self._take_parameter(message)
+        if t.rebooted:
+            t.rebooted = False
+            self._after_reboot()
+
+    def _take_parameter(self, message: Any) -> None:
+        name = message.param_id.decode() if isinstance(message.param_id, bytes) else str(message.param_id)
+        if self._dialect is not None and name in self._dialect.parameters:
+            value = parameter_value(message.param_value, message.param_type, self._dialect.bytewise)
+            self._parameters[name] = value
+            self._parameter_tries.pop(name, None)
+
+    def _after_reboot(self) -> None:
+        """A rebooted vehicle is unlocked and has forgotten the rates."""
+        self._stopped_s, self._stop_shown = None, False
+        self._reset()
+        self._prepare()
+
+    def pump(self, now_s: float) -> None:
+        """Acts on commands and poses that were handed over."""
+        if self._dialect is None:
+            return
+        pose = self._pose
+        if pose is not None and now_s - self._posed_s >= 1.0 / self._options.pose_hz - 0.004:
+            self._pose, self._posed_s = None, now_s
+            self._send_pose(pose)
+        while True:
+            with self._lock:
+                if not self._inbox:
+                    break
+                command = self._inbox.popleft()
+            if isinstance(command, StopMotors):
+                self._begin_stop(now_s)
+            elif self._stopped_s is None:
+                self._take(command, now_s)
+        self._publish(now_s)
+
+    def tick(self, now_s: float) -> None:
+        """One step: commands under way, the emergency stop, set-points."""
+        if self._dialect is None:
+            return
+        dt_s = 0.0 if self._ticked_s is None else min(now_s - self._ticked_s, 0.2)
+        self._ticked_s = now_s
+        self._ask_for_telemetry(now_s)
+        self._desk.tick(now_s)
+        self._go_on_stopping(now_s)
+        # a silent loop must look dead to the vehicle; only an emergency stop goes on
+        if self._stopped_s is None and self.alive(now_s) and dt_s > 0:
+            self._step(now_s, dt_s)
+        self._publish(now_s)
+
+    def on_error(self, error: Exception) -> None:
+        """Something of ours failed in the link's thread: told, never fatal to the others."""
+        if self._error is None:
+            logger.exception("%s: internal error in the MAVLink driver", self._id, exc_info=error)
+        self._error = f"internal error: {error}"
+
+    # ------------------------------------------------------------------------------------- emergency stop
+
+    def _begin_stop(self, now_s: float) -> None:
+        if self._stopped_s is None or self._stop_shown:
+            self._stopped_s, self._stop_shown = now_s, False
+        self._reset()
+        self._stop_sent_s = -math.inf
+        self._go_on_stopping(now_s)
+
+    def _go_on_stopping(self, now_s: float) -> None:
+        if self._stopped_s is None or self._dialect is None:
+            return
+        since_s = now_s - self._stopped_s
+        t = self._telemetry
+        off = not t.armed and t.heartbeat_s > self._stopped_s
+        self._stop_shown = self._stop_shown or off
+        if (off and since_s > KILL_AT_LEAST_S) or since_s > KILL_AT_MOST_S:
+            return
+        if now_s - self._stop_sent_s < KILL_EVERY_S:
+            return
+        self._stop_sent_s = now_s
+        self._put_command(request("emergency stop", w.ARM_DISARM, 0.0, w.FORCE), 0)
+        # the effect shows with a heartbeat, which otherwise comes once a second
+        self._put_command(request("heartbeat", w.REQUEST_MESSAGE, w.HEARTBEAT), 0)
+        if self._dialect.terminates and since_s > TERMINATE_AFTER_S and not off:
+            self._put_command(request("flight termination", w.DO_FLIGHT_TERMINATION, 1.0), 0)
+
+    # ------------------------------------------------------------------------------------------- sending
+
+    def _put(self, name: str, *values: Any) -> None:
+        link = self._link
+        if link is not None:
+            link.send(self._sysid, name, *values)
+
+    def _put_command(self, wanted: Request, confirmation: int) -> None:
+        target = (self._sysid, w.AUTOPILOT_COMPONENT)
+        self._put("command_long", *target, wanted.command, confirmation, *wanted.parameters)
+
+    def _send_command(self, wanted: Request, confirmation: int) -> None:
+        self._put_command(wanted, confirmation)
+
+    def _send_pose(self, pose: Pose) -> None:
+        """Motion capture for the estimator; the roll and pitch of a Pose are unknown, autopilots look at the yaw."""
+        north, east, down = self._frame.to_ned(pose.position_m)
+        heading = self._frame.to_heading(pose.yaw_rad)
+        unknown = (math.nan, *(0.0,) * 20)
+        usec = round(pose.stamp_s * 1e6)
+        self._put("vision_position_estimate", usec, north, east, down, 0.0, 0.0, heading, unknown)
+        if self._dialect is not None and self._dialect.wants_origin and not self._telemetry.origin_known:
+            lat, lon = self._options.indoor_origin_deg
+            if self._posed_s - self._origin_s >= 1.0:
+                self._origin_s = self._posed_s
+                self._put("set_gps_global_origin", self._sysid, round(lat * 1e7), round(lon * 1e7), 0, usec)
+
+    _origin_s = -math.inf
+
+    def _send_setpoint(self, wanted: Reference, yaw_rad: float) -> None:
+        """A position with the velocity of the reference there, and the yaw to keep."""
+        mask = w.IGNORE_ACCELERATION | w.IGNORE_YAW_RATE
+        velocity = self._frame.to_ned(wanted.velocity_mps)
+        rest = (*velocity, 0.0, 0.0, 0.0, self._frame.to_heading(yaw_rad), 0.0)
+        stamp_ms = round(self._clock.now() * 1000) & 0xFFFFFFFF
+        target = (stamp_ms, self._sysid, w.AUTOPILOT_COMPONENT)
+        if self._frame.geo is None:
+            place = self._frame.to_ned(wanted.position_m)
+            self._put("set_position_target_local_ned", *target, w.LOCAL_NED, mask, *place, *rest)
+        else:
+            lat, lon, alt = self._frame.to_global(wanted.position_m)
+            self._put("set_position_target_global_int", *target, w.GLOBAL_INT, mask, lat, lon, alt, *rest)
+
+    # ------------------------------------------------------------------------------------------- reconciling
+
+    def _is_guided(self) -> bool:
+        return self._dialect is not None and self._telemetry.custom_mode == self._dialect.guided
+
+    def _reconcile(self, guided: bool, armed: bool | None, now_s: float) -> None:
+        """Asks for mode and arming until the telemetry shows them."""
+        assert self._dialect is not None
+        if guided and not self._is_guided():
+            p2, p3 = self._dialect.guided_parameters
+            self._desk.ask(request("mode", w.DO_SET_MODE, w.CUSTOM_MODE, p2, p3), now_s)
+        elif self._is_guided():
+            self._desk.settled("mode")
+        if armed is not None and armed != self._telemetry.armed:
+            if armed:
+                self._desk.ask(request("arming", w.ARM_DISARM, 1.0), now_s)
+            else:
+                self._desk.ask(request("disarming", w.ARM_DISARM, 0.0, self._disarm_magic()), now_s)
+        else:
+            self._desk.settled("arming" if self._telemetry.armed else "disarming")
+
+    def _disarm_magic(self) -> float:
+        """Second parameter of disarming on the ground."""
+        return 0.0
+
+    def _on_refusal(self, what: str, why: str) -> None:
+        self._refusal = (f"{what} refused: {why}", self._clock.now())
+
+    def _own_position(self, now_s: float) -> tuple[float, float, float] | None:
+        t = self._telemetry
+        fresh = now_s - t.position_s <= self._options.pose_stale_s and self._floor_known
+        return t.position_m if fresh else None
+
+    def _trusted_position(self, now_s: float) -> tuple[float, float, float] | None:
+        if self.outdoors:
+            return self._own_position(now_s)
+        pose = self._book.get(self._body)
+        fresh = pose is not None and now_s - pose.stamp_s <= self._options.pose_stale_s
+        return pose.position_m if pose is not None and fresh else None
+
+    def _yaw(self) -> float:
+        return self._frame.from_heading(self._telemetry.heading_rad)
+
+    def own_pose(self) -> Pose | None:
+        """Its own estimate, stamped on receipt; None until there is one."""
+        t = self._telemetry
+        if t.position_m is None or not self._floor_known:
+            return None
+        return Pose(self._body, self._pose_position(t.position_m), self._yaw(), t.position_s)
+
+    def _pose_position(self, own_m: tuple[float, float, float]) -> tuple[float, float, float]:
+        return own_m
+
+    # ------------------------------------------------------------------------------------------- state
+
+    def _link_up(self, now_s: float) -> bool:
+        return self._link is not None and now_s - self._telemetry.heartbeat_s <= self._options.link_timeout_s
+
+    def _publish(self, now_s: float) -> None:
+        t = self._telemetry
+        locked = self._stop_shown or t.system_status == w.TERMINATION
+        self._snapshot = VehicleState(
+            vehicle=self._id,
+            stamp_s=t.stamp_s if math.isfinite(t.stamp_s) else 0.0,
+            link=True,
+            armed=t.armed,
+            airborne=self._airborne(),
+            tumbled=t.tumbled(now_s) if math.isfinite(t.heading_s) else False,
+            locked=locked,
+            charging=self._charging(),
+            battery=t.battery,
+            fault=self._fault(),
+        )
+
+    def _fault(self) -> str | None:
+        if self._error is not None:
+            return self._error
+        if self._stopped_s is not None:
+            return "stopped by the operator" if self._stop_shown else "emergency stop not confirmed yet"
+        said = self._doing_fault()
+        if said is None or self._refusal is None or not said.startswith(self._refusal[0].split(":")[0]):
+            return said
+        # its reason may come a moment after the refusal
+        why = self._telemetry.why(self._refusal[1] - 2.0)
+        return f"{self._refusal[0]}; it says: {why}" if why else said
+
+    # ------------------------------------------------------------------------------- for copters and rovers
+
+    def _check(self, command: Command) -> None:
+        raise NotImplementedError
+
+    def _limited(self, command: Command) -> Command:
+        raise NotImplementedError
+
+    def _take(self, command: Command, now_s: float) -> None:
+        raise NotImplementedError
+
+    def _step(self, now_s: float, dt_s: float) -> None:
+        raise NotImplementedError
+
+    def _reset(self) -> None:
+        raise NotImplementedError
+
+    def _doing_fault(self) -> str | None:
+        raise NotImplementedError
+
+    def _airborne(self) -> bool:
+        return False
+
+    def _charging(self) -> bool:
+        return False
+
+    def _standing_m(self) -> float:
+        """Height above the floor of what it stands on."""
+        return 0.0
+
+
+def numbers_are_sound(*values: float) -> bool:
+    """Whether every number is finite."""
+    with contextlib.suppress(TypeError):
+        return all(map(math.isfinite, values))
+    return False
