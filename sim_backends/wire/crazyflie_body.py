@@ -19,6 +19,8 @@ from sim_backends.wire.world import BATTERY_EMPTY, FINE, MOTOR_FAILURE, Body, Mo
 
 CRASH_MPS = 2.0
 """It survives an impact up to this speed, a fall from 0.2 m."""
+LIFT_OFF = 1.05
+"""Thrust over weight that lifts it off: what is left of a landing's braking must not make it hop."""
 SCRAPE_MPS = 1.0
 """Sideways at touch-down."""
 CRASH_TILT = math.radians(50.0)
@@ -59,6 +61,7 @@ class CrazyflieBody:
         self.accel_mps2: Vec3 = (0.0, 0.0, 0.0)
         self.standing, self.tumbled = True, False
         self.code = FINE
+        self._broken = False
         self.faults = Modifiers()
         self.ground = ground_under(world, row, start.position_m)
         self._offset = self._on_ugv()
@@ -89,13 +92,15 @@ class CrazyflieBody:
             drive: what the controller wants.
             motors: the supervisor lets them run.
         """
-        if self.faults.motor_fail or self.battery.energy_j <= 0.0:
+        self._broken |= self.faults.motor_fail
+        if self._broken:
+            motors, self.code = False, MOTOR_FAILURE
+        elif self.battery.energy_j <= 0.0:
             motors = False
-            if not self.standing and self.code == FINE:
-                self.code = MOTOR_FAILURE if self.faults.motor_fail else BATTERY_EMPTY
+            self.code = self.code if self.standing else BATTERY_EMPTY
         lift_n = drive.thrust_n if motors else 0.0
         before = self.velocity_mps
-        if self.standing and not self.tumbled and lift_n > self.airframe.mass_kg * GRAVITY:
+        if self.standing and not self.tumbled and lift_n > LIFT_OFF * self.airframe.mass_kg * GRAVITY:
             self._lift_off()
         if self.standing:
             self._stand()
@@ -112,8 +117,7 @@ class CrazyflieBody:
     def _lift_off(self) -> None:
         self.standing = False
         self._slide_m = 0.0
-        if self.code != FINE and not self.faults.motor_fail:
-            self.code = FINE
+        self.code = FINE
 
     def _stand(self) -> None:
         s = self.dynamics.state

@@ -9,6 +9,7 @@ from __future__ import annotations
 import inspect
 import os
 from array import array
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,12 +46,9 @@ class Dynamics:
             variant: ``brushed`` or ``brushless``.
             step_s: its length.
         """
-        # drone_models refuses to be imported after scipy unless this is set; the part used here needs only casadi
-        os.environ.setdefault("SCIPY_ARRAY_API", "1")
         import casadi as ca  # noqa: PLC0415
-        from drone_models.core import load_params  # noqa: PLC0415
-        from drone_models.so_rpy import symbolic_dynamics_euler  # noqa: PLC0415
 
+        load_params, symbolic_dynamics_euler = _model()
         params: dict[str, Any] = load_params("so_rpy", MODELS[variant])
         wanted = inspect.signature(symbolic_dynamics_euler).parameters
         x_dot, x_sym, u_sym, _ = symbolic_dynamics_euler(**{k: v for k, v in params.items() if k in wanted})
@@ -81,3 +79,24 @@ class Dynamics:
         self._command[:] = array("d", (roll, pitch, yaw, thrust_n))
         self._run()
         self.state[:] = self._next
+
+
+def _model() -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """The two functions of ``drone_models`` that are used here.
+
+    The package wants scipy imported after SCIPY_ARRAY_API is set, and sets it. That would change scipy for the whole
+    process, and the symbolic part needs none of it: scipy comes first, and the environment is put back.
+    """
+    import scipy.spatial.transform  # noqa: F401, PLC0415
+
+    before = os.environ.get("SCIPY_ARRAY_API")
+    os.environ["SCIPY_ARRAY_API"] = "1"
+    try:
+        from drone_models.core import load_params  # noqa: PLC0415
+        from drone_models.so_rpy import symbolic_dynamics_euler  # noqa: PLC0415
+    finally:
+        if before is None:
+            del os.environ["SCIPY_ARRAY_API"]
+        else:
+            os.environ["SCIPY_ARRAY_API"] = before
+    return load_params, symbolic_dynamics_euler

@@ -92,7 +92,7 @@ class CrazyflieServer:
     def run(self, stop: threading.Event, parent: int | None = None) -> None:
         """Runs in real time until ``stop`` is set or the process ``parent`` has gone."""
         begun = time.monotonic()
-        done, watched_s = 0, begun
+        done, watched_s, born_of = 0, begun, os.getppid()
         while not stop.is_set():
             now_s = time.monotonic()
             wait_s = begun + (done + 1) * STEP_S - now_s
@@ -106,7 +106,7 @@ class CrazyflieServer:
             done += 1
             if now_s - watched_s > PARENT_S:
                 watched_s = now_s
-                if parent is not None and not _alive(parent):
+                if parent is not None and _gone(parent, born_of):
                     return
 
     def receive(self) -> None:
@@ -152,14 +152,17 @@ class CrazyflieServer:
             self._sock.sendto(packet.encode(), to)
 
 
-def _alive(pid: int) -> bool:
+def _gone(pid: int, born_of: int) -> bool:
+    """Whether a process has ended; an own parent that nobody has buried yet counts as ended."""
+    if pid == born_of:
+        return os.getppid() != pid
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
-        return False
-    except PermissionError:
         return True
-    return True
+    except PermissionError:
+        return False
+    return False
 
 
 def _arguments(argv: list[str] | None) -> argparse.Namespace:
