@@ -14,7 +14,8 @@ from collections.abc import Mapping, Sequence
 from urllib.parse import urlparse
 
 from drivers.clock import Clock
-from drivers.crazyflie_bits import battery_of, bits_of, charging_of, words
+from drivers.crazyflie_battery import BatteryGauge
+from drivers.crazyflie_bits import bits_of, charging_of, loaded_of, words
 from drivers.crazyflie_checks import Facts, self_checks
 from drivers.crazyflie_dock import DockRules
 from drivers.crazyflie_estimator import VARIANCES, EstimatorGate
@@ -44,6 +45,7 @@ from drivers.vehicle import (
 )
 
 TICK_S = 0.02
+NO_POSES_S = 1.0
 STOP_EVERY_S = 0.05
 STOP_UNCONFIRMED_S = 1.0
 PING_S = 0.5
@@ -85,6 +87,7 @@ class Crazyflie:
         self._reconnecting: threading.Thread | None = None
         self._flight = Flight(self._flight_rules(False))
         self._gate = EstimatorGate(o.converge_s, o.converge_samples, o.converge_m2, o.converge_timeout_s)
+        self._battery = BatteryGauge(o.battery_curve, o.battery_sag_v)
         self._own, self._pad_track, self._pad_of = Track(), Track(), ""
         self._commands: deque[Command] = deque()
         self._answers: deque[tuple[type[Order], int]] = deque()
@@ -159,7 +162,7 @@ class Crazyflie:
             tumbled=bits is not None and (bits.tumbled or bits.crashed),
             locked=bits is not None and bits.locked,
             charging=charging and not airborne,
-            battery=battery_of(values, self._options.battery_curve),
+            battery=self._battery.share,
             fault=self._fault(),
         )
 
@@ -315,6 +318,9 @@ class Crazyflie:
     def _on_log(self, stamp_ms: int, values: Mapping[str, float]) -> None:
         now_s = self._clock.now()
         self._telemetry.put(now_s, stamp_ms, values)
+        if "pm.vbat" in values or "pm.batteryLevel" in values:
+            _, known = self._telemetry.snapshot()
+            self._battery.put(now_s, known, loaded_of(known), bool(charging_of(known)))
         if all(name in values for name in VARIANCES):
             self._variances.append((now_s, [values[name] for name in VARIANCES]))
         if "locSrvZ.tick" in values and self._fed:
@@ -443,6 +449,8 @@ class Crazyflie:
                 "no poses": "its estimator has got no poses; check motion capture",
                 "failed": "its estimate does not settle on the poses; check body and axes in motion capture",
             }.get(self._gate.phase, "its estimate has not settled yet; wait a few seconds")
+        if now_s - self._sent_s > NO_POSES_S:
+            return "its estimator gets no poses any more; check motion capture"
         return None
 
     def _pad(self, now_s: float) -> tuple[Vec3 | None, float]:

@@ -1,21 +1,17 @@
-"""What a Crazyflie's telemetry means: supervisor bits, charger and battery. Pure.
+"""What a Crazyflie's telemetry means: supervisor bits and charger. Pure.
 
 Sources: ``supervisor.c`` and ``pm.h`` of the firmware.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 
 Values = Mapping[str, float]
 
 CHARGING_STATES = (1, 2)
 """``pm.state`` charging and charged."""
-LIPO_CURVE = ((3.0, 0.0), (3.5, 0.1), (3.65, 0.25), (3.75, 0.5), (3.9, 0.75), (4.1, 1.0))
-"""Usable share over volts under hovering load; 3.0 V is where a Crazyflie shuts down."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,32 +83,12 @@ def charging_of(values: Values) -> bool | None:
     return None if state is None else int(state) in CHARGING_STATES
 
 
-def battery_of(values: Values, curve: Sequence[tuple[float, float]] | None) -> float | None:
-    """Usable energy left, 0..1.
-
-    Args:
-        values: newest log values; ``pm.batteryLevel`` is in percent, ``pm.vbat`` in V.
-        curve: (V, share) with rising volts; None takes the vehicle's own level where it has one.
-    """
-    volts, level = values.get("pm.vbat"), values.get("pm.batteryLevel")
-    if level is not None and (curve is None or volts is None):
-        return min(max(level / 100.0, 0.0), 1.0)
-    return None if volts is None else interpolate(curve or LIPO_CURVE, volts)
-
-
-def interpolate(curve: Sequence[tuple[float, float]], volts: float) -> float:
-    """The share at ``volts``, linear between the points of the curve and flat beyond them."""
-    i = bisect_right([v for v, _ in curve], volts)
-    if i == 0 or i == len(curve):
-        return curve[min(i, len(curve) - 1)][1]
-    (v0, s0), (v1, s1) = curve[i - 1], curve[i]
-    return s0 + (s1 - s0) * (volts - v0) / (v1 - v0)
-
-
-def is_curve(curve: Sequence[tuple[float, float]]) -> bool:
-    """Whether it has two points or more, rising volts and shares within 0..1."""
-    rising = all(a[0] < b[0] for a, b in pairwise(curve))
-    return len(curve) >= 2 and rising and all(0.0 <= share <= 1.0 for _, share in curve)
+def loaded_of(values: Values) -> bool:
+    """Whether the motors carry it, and so its battery sags."""
+    if "stabilizer.thrust" in values:
+        return values["stabilizer.thrust"] > 0.0
+    bits = bits_of(values)
+    return bits is not None and bits.flying
 
 
 def words(bits: Bits) -> str | None:

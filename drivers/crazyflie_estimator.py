@@ -15,6 +15,8 @@ from drivers.vehicle import Pose
 
 VARIANCES = ("kalman.varPX", "kalman.varPY", "kalman.varPZ")
 RESET_S = 0.1
+LOST_M2 = 0.05
+"""A settled estimate that has got so bad again (poses stopped, the vehicle was carried away) is reset."""
 
 Phase = Literal["no poses", "resetting", "settling", "ready", "failed"]
 
@@ -77,7 +79,7 @@ class EstimatorGate:
             self._seen.append((now_s, tuple(variances)))
 
     def step(self, now_s: float, pose: Pose | None) -> list[SetParameter]:
-        """What to set now.
+        """What to set now; not to be called in the air, where a reset would be a fall.
 
         Args:
             now_s: the time.
@@ -98,6 +100,8 @@ class EstimatorGate:
                     if pose is not None and now_s - self._last_pose_s < 1.0:
                         return self._reset(now_s, pose)
                     self.phase = "failed"
+            case "ready" if self.variance_m2 is not None and self.variance_m2 > LOST_M2:
+                self.restart()
             case _:
                 pass
         return []

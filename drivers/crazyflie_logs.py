@@ -22,10 +22,10 @@ SLOW = (
     "kalman.varPZ",
     "locSrvZ.tick",
     "radio.rssi",
-    "radio.numRxBc",
+    "stabilizer.thrust",
 )
-WANTED = (*STATE, *FAST, *SLOW[:-1])
-"""Whatever of these is missing degrades a check; ``radio.numRxBc`` and the old state are mere substitutes."""
+WANTED = (*STATE, *FAST, *SLOW)
+"""Whatever of these is missing degrades a check."""
 
 
 @dataclass(frozen=True, slots=True)

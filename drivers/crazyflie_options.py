@@ -7,7 +7,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.crazyflie_bits import is_curve
+from drivers.crazyflie_battery import LIPO_CURVE, is_curve
 from drivers.errors import DriverError
 
 
@@ -63,8 +63,10 @@ class CrazyflieOptions:
     """So far off its set-point, for a second, a command was lost; normal tracking stays within 0.1 m."""
     cruise: bool = True
     """Fly long legs at constant speed where the firmware can (protocol 8 and later), else in one polynomial."""
-    battery_curve: tuple[tuple[float, float], ...] | None = None
-    """(V, share) of ``pm.vbat``, for a better level than ``pm.batteryLevel``, which is coarse and sags under load."""
+    battery_curve: tuple[tuple[float, float], ...] = LIPO_CURVE
+    """(V, share of the usable energy) of the battery without load; the firmware's own table."""
+    battery_sag_v: float = 0.25
+    """By which flying lowers the voltage, with the standard battery: compare ``pm.vbat`` before and after a start."""
     reconnect: bool = True
     """Connect again when the link is lost: a vehicle that still hovers can then be landed."""
 
@@ -86,5 +88,7 @@ class CrazyflieOptions:
                 f"crazyflie options: {self.converge_samples} samples every {self.slow_ms} ms do not fit into "
                 f"converge_s {self.converge_s:g}; lengthen it or lower slow_ms"
             )
-        if self.battery_curve is not None and not is_curve(self.battery_curve):
+        if not (math.isfinite(self.battery_sag_v) and self.battery_sag_v >= 0):
+            raise DriverError(f"crazyflie options: battery_sag_v is {self.battery_sag_v!r}; give V, 0 or more")
+        if not is_curve(self.battery_curve):
             raise DriverError("crazyflie options: battery_curve needs two or more (V, share) with rising V, 0..1")
