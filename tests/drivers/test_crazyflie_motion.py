@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -95,7 +96,7 @@ def test_braking_stops_ahead_without_going_back(at_s: float) -> None:
     before = flight.at(at_s)
     stop = brake(before, at_s, LIMITS.accel_mps2)
     xs = [stop.at(float(t)).position_m[0] for t in np.linspace(at_s, stop.end_s, 60)]
-    assert all(b >= a - 1e-3 for a, b in zip(xs, xs[1:], strict=False))
+    assert all(b >= a - 1e-3 for a, b in itertools.pairwise(xs))
     assert stop.at(stop.end_s).resting
     assert stop.peaks()[0] <= before.speed_mps + 0.3
     assert stop.peaks()[1] <= 1.2 * max(LIMITS.accel_mps2, math.hypot(*before.acceleration_mps2))
@@ -109,7 +110,7 @@ def test_a_leg_with_a_cruise_is_straight_smooth_and_within_limits(
     track = fly(plan_leg(ORIGIN.position_m, end, speed, LIMITS, cruise=True), ORIGIN)
     a, b = np.array(ORIGIN.position_m), np.array(end)
     direction = (b - a) / np.linalg.norm(b - a)
-    for (_, one), (_, two) in zip(track, track[1:], strict=False):
+    for (_, one), (_, two) in itertools.pairwise(track):
         assert math.dist(one.velocity_mps, two.velocity_mps) <= 0.01 * LIMITS.accel_mps2 * 1.3 + 0.012
         assert one.speed_mps <= speed * 1.03
         offset = np.array(one.position_m) - a
