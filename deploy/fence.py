@@ -24,10 +24,10 @@ def line_of(points: tuple[Vec2, ...]) -> shapely.LineString:
 
 
 @lru_cache(maxsize=8)
-def _edges(vertices: tuple[Vec2, ...]) -> tuple[tuple[float, float, float, float, float], ...]:
+def _edges(vertices: tuple[Vec2, ...]) -> tuple[tuple[float, float, float, float, float, float], ...]:
     ends = (*vertices[1:], vertices[0])
     return tuple(
-        (ax, ay, bx - ax, by - ay, (bx - ax) ** 2 + (by - ay) ** 2)
+        (ax, ay, by, bx - ax, by - ay, (bx - ax) ** 2 + (by - ay) ** 2)
         for (ax, ay), (bx, by) in zip(vertices, ends, strict=True)
     )
 
@@ -38,11 +38,11 @@ def margin_m(vertices: tuple[Vec2, ...], x: float, y: float) -> float:
     Without shapely, which would cost more than the sum: it is asked for every vehicle at every turn.
     """
     nearest2, inside = math.inf, False
-    for ax, ay, dx, dy, length2 in _edges(vertices):
+    for ax, ay, by, dx, dy, length2 in _edges(vertices):
         px, py = x - ax, y - ay
         f = min(1.0, max(0.0, (px * dx + py * dy) / length2)) if length2 > 0.0 else 0.0
         nearest2 = min(nearest2, (px - f * dx) ** 2 + (py - f * dy) ** 2)
-        if (py < 0.0) != (py < dy) and (px * dy < py * dx) == (dy > 0.0):
+        if (y < ay) != (y < by) and (px * dy < py * dx) == (dy > 0.0):
             inside = not inside
     return math.sqrt(nearest2) if inside else -math.sqrt(nearest2)
 
