@@ -1,70 +1,23 @@
-"""What executes a mission's commands: a simulated world made from the mission itself, later the real fleet."""
+"""What executes a mission's commands: a simulated world made from the mission itself, or the real fleet."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+import time
 
 from deploy.errors import InputError
+from deploy.fleet import Fleet
 from deploy.mission import Mission
+from deploy.real_fleet import check_ready, fleet_of
 from deploy.settings import UavSettings, UgvSettings
-from drivers.clock import Clock
-from drivers.errors import DriverError
-from drivers.vehicle import PoseSource, Vec2, Vehicle
+from deploy.wire import launch_mission, mocap_of, places_of
+from drivers.clock import RealClock
+from drivers.vehicle import Vec2
 from planner.problem import Uav, Ugv, uav_power_w, ugv_power_w
 from sim_backends.faults import Fault, random_faults
 from sim_backends.kinematic import build
-from sim_backends.truth import Truth
 from sim_backends.world import UAV_POWER_W, UGV_POWER_W, SimUav, SimUgv, WorldConfig, line_power_w
 
-AVAILABLE = "--backend sim --sim kinematic"
-
-
-@dataclass(frozen=True)
-class Fleet:
-    """Everything that a flight needs of the outside.
-
-    Attributes:
-        vehicles: by id, UAVs first.
-        poses: motion capture.
-        clock: the loop's.
-        name: of the backend, for recordings.
-        virtual: the clock jumps; nothing waits for the wall clock.
-        truth: the simulated world's own audit until now; None where nobody knows.
-        planner_delay_s: arena s by which a planning call that begins now is slowed by a scripted fault.
-    """
-
-    vehicles: Mapping[str, Vehicle]
-    poses: PoseSource
-    clock: Clock
-    name: str
-    virtual: bool
-    truth: Callable[[], Truth] | None = None
-    planner_delay_s: Callable[[], float] = lambda: 0.0
-
-    def connect(self, deadline_s: float) -> dict[str, str]:
-        """Connects motion capture and every vehicle within ``deadline_s`` on the clock.
-
-        Returns:
-            why somebody could not be reached, by vehicle id and ``poses``; empty when all went well.
-        """
-        errors: dict[str, str] = {}
-        try:
-            self.poses.connect(deadline_s)
-        except DriverError as error:
-            errors["poses"] = str(error)
-        for name, vehicle in self.vehicles.items():
-            try:
-                vehicle.connect(deadline_s)
-            except DriverError as error:
-                errors[name] = str(error)
-        return errors
-
-    def close(self) -> None:
-        """Releases every link; call it when everybody is down."""
-        for vehicle in self.vehicles.values():
-            vehicle.close()
-        self.poses.close()
+AVAILABLE = "--backend sim --sim kinematic, --backend sim --sim wire or --backend real"
 
 
 def require(backend: str, sim: str) -> None:
@@ -73,33 +26,49 @@ def require(backend: str, sim: str) -> None:
     Raises:
         InputError: saying what is available.
     """
-    if backend == "real":
-        raise InputError(f"real: this version has no drivers for real vehicles yet; use {AVAILABLE}", key="--backend")
-    if backend != "sim":
+    if backend not in ("sim", "real"):
         raise InputError(f"{backend!r} does not exist; use {AVAILABLE}", key="--backend")
-    if sim == "wire":
-        raise InputError(f"wire: this version has no wire-level simulation yet; use {AVAILABLE}", key="--sim")
-    if sim != "kinematic":
+    if sim not in ("kinematic", "wire"):
         raise InputError(f"{sim!r} does not exist; use {AVAILABLE}", key="--sim")
+
+
+def require_ready(mission: Mission, backend: str, sim: str) -> None:
+    """Checks, before anything is planned, that the mission says what its backend must know.
+
+    Raises:
+        InputError: no such backend, or the file and key that miss something.
+    """
+    require(backend, sim)
+    if backend == "real":
+        check_ready(mission)
+    elif sim == "wire":
+        check_ready(mission, elsewhere=True)
 
 
 def connect(
     mission: Mission, backend: str = "sim", sim: str = "kinematic", seed: int | None = None, horizon_s: float = 3600.0
 ) -> Fleet:
-    """Makes the fleet of ``mission``, not yet connected.
+    """Makes the fleet of ``mission``, not yet connected; a wire simulation is started.
 
     Args:
         mission: as loaded.
-        backend: ``sim``.
-        sim: ``kinematic``.
+        backend: ``sim`` or ``real``.
+        sim: ``kinematic`` or ``wire``; says nothing about real vehicles.
         seed: of the world's noise; default: the mission's.
         horizon_s: expected duration, mission s; drawn faults lie within.
 
     Raises:
-        InputError: when there is no such backend.
+        InputError: there is no such backend, or the mission does not say what it needs.
+        SimulationError: a wire simulation cannot be started.
+        DriverError: a driver's options are wrong.
     """
-    require(backend, sim)
-    kinematic = build(world_of(mission, mission.seed if seed is None else seed), faults_of(mission, horizon_s))
+    require_ready(mission, backend, sim)
+    if backend == "real":
+        return fleet_of(mission, RealClock(), "real")
+    world, faults = world_of(mission, mission.seed if seed is None else seed), faults_of(mission, horizon_s)
+    if sim == "wire":
+        return wire_fleet(mission, world, faults)
+    kinematic = build(world, faults)
     return Fleet(
         vehicles=kinematic.vehicles,
         poses=kinematic.poses,
@@ -109,6 +78,24 @@ def connect(
         truth=kinematic.truth,
         planner_delay_s=kinematic.planner_delay_s,
     )
+
+
+def wire_fleet(mission: Mission, world: WorldConfig, faults: tuple[Fault, ...]) -> Fleet:
+    """A wire simulation of ``world``, and the very drivers of the real fleet at its addresses.
+
+    Raises:
+        SimulationError, DriverError: as ``connect``.
+    """
+    clock = RealClock()
+    simulation = launch_mission(mission, world, faults, zero_s=time.monotonic() - clock.now())
+    try:
+        fleet = fleet_of(mission, clock, "wire", places_of(simulation), mocap_of(simulation))
+    except BaseException:
+        simulation.close()
+        raise
+    fleet.truth, fleet.planner_delay_s = simulation.truth, simulation.planner_delay_s
+    fleet.trouble, fleet.end = simulation.trouble, simulation.close
+    return fleet
 
 
 def faults_of(mission: Mission, horizon_s: float) -> tuple[Fault, ...]:
@@ -147,7 +134,7 @@ def world_of(mission: Mission, seed: int) -> WorldConfig:
         telemetry_drop=0.01,
         command_drop=0.01,
         gust_mps=0.02 * max(u.speed_mps for u in s.uavs),
-        dock_tolerance_m=min(0.3, 0.1 * size_m),
+        dock_tolerance_m=min(mission.dock_tolerance_m.values(), default=0.3),
         dock_range_m=min(5.0, 1.7 * size_m),
         estimate_mps=min(2.0, size_m),
         collision_m=min(0.5, size_m / 3),

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from deploy.check_limits import CheckLimits
 from deploy.check_report import CheckRow, Verdict, not_run
 from deploy.settings import Settings
-from drivers.vehicle import Pose, PoseSource, Vec2, Vehicle, VehicleState
+from drivers.vehicle import Pose, SelfCheck, Vec2, Vehicle, VehicleState
 
 GROUP = "backend"
 NAMES = ("links", "readiness", "batteries", "poses", "placement", "identity")
@@ -24,22 +25,33 @@ class BackendProbe:
         states: newest telemetry by vehicle id; missing where nothing was ever received.
         poses: newest pose by body.
         errors: why a vehicle or the motion capture ("poses") could not be reached, in its driver's words.
+        findings: what the drivers found out, by vehicle id, and for the fleet as a whole under "".
     """
 
     now_s: float
     states: Mapping[str, VehicleState]
     poses: Mapping[str, Pose]
     errors: Mapping[str, str] = field(default_factory=dict)
+    findings: Mapping[str, Sequence[SelfCheck]] = field(default_factory=dict)
+
+
+class Poses(Protocol):
+    """Where poses are read."""
+
+    def read(self) -> Sequence[Pose]:
+        """The newest of each body since the last call."""
+        ...
 
 
 def probe_backend(
     vehicles: Mapping[str, Vehicle],
-    poses: PoseSource,
+    poses: Poses,
     now: Callable[[], float],
     wait_until: Callable[[float], object],
     *,
     listen_s: float = 1.0,
     errors: Mapping[str, str] | None = None,
+    more: Callable[[], Sequence[SelfCheck]] = tuple,
 ) -> BackendProbe:
     """Listens to connected vehicles and motion capture for a moment; arms and moves nothing.
 
@@ -50,6 +62,7 @@ def probe_backend(
         wait_until: waits on that clock.
         listen_s: for how long.
         errors: of those that could not be connected.
+        more: findings about the fleet as a whole.
     """
     seen: dict[str, Pose] = {}
     end = now() + listen_s
@@ -59,7 +72,11 @@ def probe_backend(
         if now() >= end:
             break
         wait_until(min(end, now() + 0.1))
-    return BackendProbe(now(), {i: v.state() for i, v in vehicles.items()}, seen, dict(errors or {}))
+    errors = dict(errors or {})
+    found: dict[str, Sequence[SelfCheck]] = {i: v.self_checks() for i, v in vehicles.items() if i not in errors}
+    if "poses" not in errors:
+        found[""] = more()
+    return BackendProbe(now(), {i: v.state() for i, v in vehicles.items()}, seen, errors, found)
 
 
 def backend_rows(settings: Settings, limits: CheckLimits, probe: BackendProbe | None) -> list[CheckRow]:

@@ -15,6 +15,7 @@ from deploy.check_limits import CheckLimits, Uncertainty
 from deploy.check_mission import mission_rows
 from deploy.check_report import CheckReport, CheckRow, Verdict
 from deploy.check_space import space_rows
+from deploy.check_vehicles import vehicle_rows
 from deploy.settings import Settings
 from planner.plan import Plan
 from planner.solve import Params, Stop, solve
@@ -87,6 +88,7 @@ def check_plan(
         *space_rows(settings, plan),
         *chance_rows(settings, plan, limits, seed),
         *backend_rows(settings, limits, probe),
+        *vehicle_rows(probe.findings if probe is not None else {}),
     ]
     return CheckReport(tuple(rows), settings.problem.digest, plan.digest, now_s, limits.validity_s)
 

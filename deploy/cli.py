@@ -1,4 +1,4 @@
-"""The command line: ``copcs-deploy run | check | plan | replay | report``."""
+"""The command line: ``copcs-deploy run | check | plan | simulate | replay | report``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from deploy.cli_common import ABORTED, guarded
+from deploy.cli_common import ABORTED, DONE, guarded
 
 app = typer.Typer(
     name="copcs-deploy",
@@ -39,6 +39,10 @@ class Sim(StrEnum):
 Mission = Annotated[Path, typer.Argument(metavar="MISSION", help="A mission file (YAML).", show_default=False)]
 Run = Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run.", show_default=False)]
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on standard output, nothing else.")]
+OfBackend = Annotated[Backend, typer.Option(help="Simulated or real vehicles.")]
+OfSim = Annotated[
+    Sim, typer.Option(help="How they are simulated: in process, or as processes that speak the real protocols.")
+]
 Method = Annotated[
     str | None, typer.Option("--planner", metavar="NAME", help="Planning method.", show_default="mission's")
 ]
@@ -71,8 +75,8 @@ def _main(
 @guarded
 def run(
     mission: Mission,
-    backend: Annotated[Backend, typer.Option(help="Simulated or real vehicles.")] = Backend.SIM,
-    sim: Annotated[Sim, typer.Option(help="How they are simulated.")] = Sim.KINEMATIC,
+    backend: OfBackend = Backend.SIM,
+    sim: OfSim = Sim.KINEMATIC,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Plan and check, then stop before arming.")] = False,
     planner: Method = None,
     seed: Seed = None,
@@ -101,11 +105,53 @@ def run(
 
 @app.command()
 @guarded
-def check(mission: Mission, planner: Method = None, seed: Seed = None, as_json: AsJson = False) -> int:
-    """Plan a mission and run every pre-flight check, without flying."""
+def check(
+    mission: Mission,
+    backend: OfBackend = Backend.SIM,
+    sim: OfSim = Sim.KINEMATIC,
+    identify: Annotated[
+        bool, typer.Option("--identify", help="Ask to move each vehicle by hand, and see whether its body moves.")
+    ] = False,
+    planner: Method = None,
+    seed: Seed = None,
+    as_json: AsJson = False,
+) -> int:
+    """Plan a mission and run every pre-flight check, without arming or flying.
+
+    With --backend real it connects the vehicles and the motion capture of the fleet file.
+    """
     from deploy.cli_run import check as command  # noqa: PLC0415
 
-    return command(mission, planner=planner, seed=seed, as_json=as_json)
+    return command(
+        mission, backend=backend.value, sim=sim.value, identify=identify, planner=planner, seed=seed, as_json=as_json
+    )
+
+
+@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []})
+@guarded
+def simulate(
+    context: typer.Context,
+    target: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="TARGET",
+            help="crazyflie, limo, copter, rover or mocap: one endpoint; or a mission file: all of its endpoints.",
+        ),
+    ] = None,
+) -> int:
+    """Start simulated vehicles or motion capture that speak the protocols of the real ones, for any program.
+
+    `copcs-deploy simulate crazyflie --help` tells the options of one endpoint. With a mission file, every endpoint is
+    started and its address printed; `--save DIR` writes a mission whose fleet is at these addresses, so that
+    `copcs-deploy run DIR/mission.yaml --backend real` flies it. Ctrl-C ends them.
+    """
+    from deploy.cli_simulate import simulate as command  # noqa: PLC0415
+
+    if target in (None, "-h", "--help"):
+        print(context.get_help())
+        return DONE
+    assert target is not None
+    return command(target, context.args)
 
 
 @app.command()

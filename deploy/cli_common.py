@@ -7,10 +7,13 @@ import json
 import math
 import os
 import shutil
+import signal
 import sys
 import textwrap
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from types import FrameType
 from typing import Any, ParamSpec
 
 import typer
@@ -61,6 +64,27 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
         raise typer.Exit(code)
 
     return run
+
+
+@contextmanager
+def orderly_end() -> Iterator[None]:
+    """Makes the end of the terminal or of the service (SIGHUP, SIGTERM) one that closes links and ends children.
+
+    In flight the operator's own handlers take over: everybody comes down first.
+    """
+
+    def end(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _say_error(message: str, code: int, *, as_json: bool) -> None:

@@ -14,7 +14,7 @@ import orjson
 from deploy.backends import require
 from deploy.check_report import CheckReport
 from deploy.check_table import check_lines, check_table
-from deploy.cli_common import DONE, FAILED, duration_text, print_json, show_rows, working
+from deploy.cli_common import DONE, FAILED, duration_text, orderly_end, print_json, show_rows, working
 from deploy.display import SteadyConsole, make_display
 from deploy.errors import InputError
 from deploy.map_drawing import drawing_of
@@ -42,16 +42,17 @@ def run(
     require(backend, sim)
     mission = load_with(mission_file, planner, seed)
     display = make_display(quiet=as_json)
-    result = run_mission(
-        mission,
-        out=out,
-        backend=backend,
-        sim=sim,
-        dry_run=dry_run,
-        display=display,
-        operator=SignalOperator(display.note),
-        command=shlex.join(["copcs-deploy", *sys.argv[1:]]),
-    )
+    with orderly_end():
+        result = run_mission(
+            mission,
+            out=out,
+            backend=backend,
+            sim=sim,
+            dry_run=dry_run,
+            display=display,
+            operator=SignalOperator(display.note),
+            command=shlex.join(["copcs-deploy", *sys.argv[1:]]),
+        )
     if as_json:
         print_json(_run_json(result))
     elif result.kind == "dry run":
@@ -80,10 +81,24 @@ def _run_json(result: RunResult) -> dict[str, object]:
     }
 
 
-def check(mission_file: Path, *, planner: str | None, seed: int | None, as_json: bool) -> int:
+def check(
+    mission_file: Path,
+    *,
+    backend: str = "sim",
+    sim: str = "kinematic",
+    identify: bool = False,
+    planner: str | None,
+    seed: int | None,
+    as_json: bool,
+) -> int:
     """Plans and checks a mission; see ``cli.check``."""
+    require(backend, sim)
+    if identify and as_json:
+        raise InputError("talks to the operator, which --json forbids; leave one of them out", key="--identify")
     mission = load_with(mission_file, planner, seed)
-    checks = check_mission(mission, make_display(quiet=as_json))
+    display = make_display(quiet=as_json)
+    with orderly_end():
+        checks = check_mission(mission, display, backend, sim, ask=display.note if identify else None)
     if as_json:
         print_json(checks.to_json())
     else:

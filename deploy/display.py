@@ -16,6 +16,8 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from deploy.events import Event, Severity
 from deploy.screen import Header, clock_text, render, what_text
+from deploy.startup import Phase, Tell
+from deploy.startup_screen import StartupScreen, startup_line
 from deploy.status import Status
 
 REFRESH_S = 0.1
@@ -40,6 +42,10 @@ class Display(Protocol):
 
     def working(self, text: str) -> AbstractContextManager[object]:
         """Something outside the flight that takes a while."""
+        ...
+
+    def progress(self) -> AbstractContextManager[Tell]:
+        """The fleet connects; what it returns is told of everybody's progress."""
         ...
 
     def begin(self, header: Header) -> None:
@@ -68,6 +74,10 @@ class NullDisplay:
     def working(self, text: str) -> AbstractContextManager[object]:
         """Nothing."""
         return contextlib.nullcontext()
+
+    def progress(self) -> AbstractContextManager[Tell]:
+        """Nothing."""
+        return contextlib.nullcontext(lambda name, phase, text: None)
 
     def begin(self, header: Header) -> None:
         """Nothing."""
@@ -102,6 +112,16 @@ class PlainDisplay:
     def working(self, text: str) -> AbstractContextManager[object]:
         """Nothing: who reads lines wants results."""
         return contextlib.nullcontext()
+
+    def progress(self) -> AbstractContextManager[Tell]:
+        """One line for who is ready or has failed."""
+
+        def tell(name: str, phase: Phase, text: str) -> None:
+            line = startup_line(name, phase, text)
+            if line is not None:
+                self._print(line)
+
+        return contextlib.nullcontext(tell)
 
     def begin(self, header: Header) -> None:
         """One line that says what is flown."""
@@ -155,6 +175,19 @@ class LiveDisplay:
         progress = Progress(*columns, console=self._console, transient=True)
         progress.add_task(text, total=None)
         return progress
+
+    @contextlib.contextmanager
+    def progress(self) -> Iterator[Tell]:
+        """A table that fills; it stays."""
+        screen = StartupScreen()
+        live = Live(screen, console=self._console, refresh_per_second=10)
+        with _harmless():
+            live.start()
+        try:
+            yield screen.tell
+        finally:
+            with _harmless():
+                live.stop()
 
     def begin(self, header: Header) -> None:
         """Opens the screen."""

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 from deploy.mission_model import suggestion
 from deploy.yaml_file import Document, KeyPath
+from drivers.errors import DriverError
 
 Model = TypeVar("Model", bound=BaseModel)
 _UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
@@ -39,6 +40,8 @@ def validate(
         return model.model_validate_json(json.dumps(data))
     except ValidationError as error:
         found = error.errors(include_url=False)
+    except DriverError as error:  # of something within a driver's options
+        raise document.error(str(error)) from None
     except (ValueError, RecursionError, TypeError) as error:
         raise document.error(f"cannot be understood: {error}") from None
     # A misspelt key shows up twice, as unknown and as missing: the first helps.

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from annotated_types import Ge, Le
 from pydantic import Field, model_validator
 
-from deploy.driver_options import DriverOptions, MavlinkSection
+from deploy.driver_options import CrazyflieSection, DriverOptions, LimoSection, MavlinkSection
 from deploy.errors import InputError
 from deploy.mission_errors import validate
 from deploy.mission_model import XY, FleetSection, suggestion
@@ -92,6 +92,8 @@ class UavConfig(_Vehicle):
 
     kind: Literal["uav"]
     """UAV."""
+    crazyflie: CrazyflieSection | None = None
+    """Options of driver crazyflie."""
     speed_mps: Positive = 10.0
     """Cruise speed in the world, m/s."""
     capacity_j: Positive = UAV_CAPACITY_J
@@ -146,6 +148,8 @@ class UgvConfig(_Vehicle):
 
     kind: Literal["ugv"]
     """UGV."""
+    limo: LimoSection | None = None
+    """Options of driver limo."""
     speed_mps: Positive = 4.5
     """Driving speed in the world, m/s."""
     capacity_j: Positive = UGV_CAPACITY_J

@@ -39,7 +39,9 @@ def reference() -> str:
     options = {**UavConfig.model_json_schema().get("$defs", {}), **UgvConfig.model_json_schema().get("$defs", {})}
     for name, section in sorted(options.items()):
         about = section.get("description", "").partition("\n")[0]
-        parts.append(f"### Fleet: `{name.removesuffix('Options').lower()}`\n\n{about}\n\n{_table(section)}")
+        owners = (o for o, other in options.items() if f"#/$defs/{name}" in json.dumps(other))
+        where = ".".join(n.removesuffix("Options").lower() for n in (*owners, name))
+        parts.append(f"### Fleet: `{where}`\n\n{about}\n\n{_table(section)}")
     return "\n".join(parts)
 
 

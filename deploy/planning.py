@@ -5,7 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -161,18 +161,24 @@ class InlinePlanner:
 class ProcessPlanner:
     """Plans in one worker process by a time budget, so that the loop never waits."""
 
-    def __init__(self, settings: ReplanSettings) -> None:
-        self._settings = settings
+    def __init__(self, settings: ReplanSettings, extra_delay_s: Callable[[], float] = lambda: 0.0) -> None:
+        self._settings, self._extra_delay_s = settings, extra_delay_s
+        self._not_before_s = 0.0
         self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
         self._future: Future[PlanReply] | None = None
         self._number = 0
-        self._pool.submit(warm_up)
+        self._warm = self._pool.submit(warm_up)
+
+    def wait_warm(self, timeout_s: float) -> None:
+        """Waits until the worker has started and compiled, at most ``timeout_s``; what fails shows in its replies."""
+        wait([self._warm], timeout_s)
 
     def submit(self, request: PlanRequest, now_s: float) -> None:
         """Begins to plan; see ``Planner``."""
         if self._future is not None:
             self._future.cancel()
         self._number = request.number
+        self._not_before_s = now_s + self._extra_delay_s()
         try:
             self._future = self._pool.submit(answer, request, self._settings, Stop(time_s=self._settings.time_s))
         except BrokenExecutor:
@@ -181,7 +187,7 @@ class ProcessPlanner:
 
     def poll(self, now_s: float) -> PlanReply | None:
         """See ``Planner``; a worker that died is an answer too."""
-        if self._future is None or not self._future.done():
+        if self._future is None or not self._future.done() or now_s < self._not_before_s:
             return None
         future, self._future = self._future, None
         try:
@@ -197,7 +203,7 @@ class ProcessPlanner:
 
     def close(self) -> None:
         """Ends the worker, in the middle of planning too."""
-        for process in list(getattr(self._pool, "_processes", {}).values()):
+        for process in list((getattr(self._pool, "_processes", None) or {}).values()):
             process.terminate()
         self._pool.shutdown(wait=False, cancel_futures=True)
 

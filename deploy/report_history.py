@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from deploy.events import Event, EventKind
 from deploy.recording_meta import RunMeta
 from deploy.recording_read import Adopted, Recording
+from deploy.runner import PERIOD_S
 from deploy.settings import Settings
 from deploy.state import AIRBORNE, UavPhase, UgvPhase
 from deploy.status import Status
@@ -24,12 +25,21 @@ STILL_SHARE = 0.05  # of its speed: a pose's noise, not a drive
 
 @dataclass(frozen=True, slots=True)
 class Lateness:
-    """How punctual the loop was: turns, loop time of the last one, and by how much they began late, in s."""
+    """How punctual the loop was: turns, loop time of the last one, and by how much they began late, in s.
+
+    A turn is late that begins more than a whole period after its time.
+    """
 
     turns: int
     end_s: float
     mean_late_s: float
     max_late_s: float
+    late_turns: int = 0
+
+    @property
+    def late_share(self) -> float:
+        """Share of late turns."""
+        return self.late_turns / self.turns if self.turns else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,6 +264,7 @@ def from_recording(recording: Recording, settings: Settings) -> History:
         end_s=float(moments[-1, 0]) if len(late) else 0.0,
         mean_late_s=float(late.mean()) if len(late) else 0.0,
         max_late_s=float(late.max()) if len(late) else 0.0,
+        late_turns=int((late > PERIOD_S).sum()),
     )
     return collect(
         recording.meta,

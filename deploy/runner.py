@@ -25,6 +25,8 @@ from planner.problem import Problem
 from planner.schedule import evaluate
 
 PERIOD_S = 0.02
+DOWN_LEAST_S, DOWN_EXTRA_S = 1.0, 10.0
+"""A loop that has failed stays so long at least, and so long beyond twice the time of a landing, until all are down."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,12 +237,52 @@ class _Loop:
             self.clock.wait_until(self.due_s)
 
     def bring_down(self) -> None:
-        """The loop cannot go on: everybody who flies lands, everybody who drives stops; nothing is asked any more."""
-        for uav, config in zip(self.state.uavs, self.settings.uavs, strict=True):
-            if uav.phase in AIRBORNE and not isinstance(getattr(uav.order, "command", None), StopMotors):
-                _try_send(self.vehicles[config.id], Land(config.id, config.descent_mps))
-        for road in self.settings.ugvs:
-            _try_send(self.vehicles[road.id], Hold(road.id))
+        """The loop cannot go on: everybody who flies lands, everybody who drives stops; nothing is asked any more.
+
+        Links must not be closed under who flies: in real time it stays, and goes on feeding poses, until everybody
+        is down or a landing has had twice its time.
+        """
+        down = [
+            Land(config.id, config.descent_mps)
+            for uav, config in zip(self.state.uavs, self.settings.uavs, strict=True)
+            if uav.phase in AIRBORNE and not isinstance(getattr(uav.order, "command", None), StopMotors)
+        ]
+        stop = [Hold(road.id) for road in self.settings.ugvs]
+        commands: list[Land | Hold] = [*down, *stop]
+        for command in commands:
+            _try_send(self.vehicles[command.vehicle], command)
+        if not self.virtual:
+            self._stay(down, stop)
+
+    def _stay(self, down: Sequence[Land], stop: Sequence[Hold]) -> None:
+        slowest_mps = min((u.descent_mps for u in self.settings.uavs), default=1.0)
+        begun_s = again_s = self.clock.now()
+        limit_s = begun_s + 2.0 * self.settings.geofence.ceiling_m / slowest_mps + DOWN_EXTRA_S
+        while (now_s := self.clock.now()) < limit_s:
+            flying = [c for c in down if _flies(self.vehicles[c.vehicle])]
+            # a landing takes a moment to show; a UAV may be airborne still, or not yet again
+            if not flying and now_s > begun_s + DOWN_LEAST_S:
+                return
+            if now_s - again_s > self.settings.monitors.command_confirm_s:
+                again_s = now_s
+                again: list[Land | Hold] = [*flying, *stop]
+                for command in again:
+                    _try_send(self.vehicles[command.vehicle], command)
+            try:
+                for pose in self.poses.read():
+                    if pose.body in self._by_body and _finite(pose):
+                        self._by_body[pose.body].feed_pose(pose)
+            except DriverError:
+                pass  # without poses the vehicles land by what they know
+            self.clock.wait_until(now_s + PERIOD_S)
+
+
+def _flies(vehicle: Vehicle) -> bool:
+    try:
+        state = vehicle.state()
+    except DriverError:
+        return False
+    return state.airborne and state.link
 
 
 def _try_send(vehicle: Vehicle, command: Command) -> None:

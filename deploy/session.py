@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from deploy import run_folder
-from deploy.backends import Fleet, connect, require
+from deploy.backends import connect, require_ready
 from deploy.check_report import CheckReport
+from deploy.check_vehicles import BY_HAND, identify_fleet, settle
 from deploy.checks import probe_backend, run_checks
 from deploy.display import Display, NullDisplay
 from deploy.errors import DeployError
+from deploy.fleet import Fleet
 from deploy.map_drawing import drawing_of
 from deploy.mission import Mission
 from deploy.mission_copy import save_copy
@@ -24,11 +27,13 @@ from deploy.report import Report, make
 from deploy.runner import Outcome, fly
 from deploy.screen import Header, clock_text
 from deploy.watch import Watch
+from drivers.vehicle import SelfCheck
 from planner.plan import Plan
+from sim_backends.errors import SimulationError
 from sim_backends.truth import Truth
 
-CONNECT_S = 30.0
-"""So long every vehicle has to answer, on the loop's clock."""
+WARM_S = 30.0
+"""So long the planner's process may take to start; a slower one goes on starting in flight."""
 PATIENCE = 4.0
 """A mission that takes so many times its planned makespan, and an hour, is broken off: everybody comes down."""
 
@@ -82,29 +87,59 @@ def make_plan(mission: Mission, display: Display) -> Plan:
     return plan
 
 
-def make_checks(mission: Mission, plan: Plan, fleet: Fleet, display: Display) -> CheckReport:
-    """Connects the fleet and runs every check of the mission, the plan and the fleet; arms and moves nothing."""
-    with display.working("connecting"):
-        errors = fleet.connect(fleet.clock.now() + CONNECT_S)
-        probe = probe_backend(fleet.vehicles, fleet.poses, fleet.clock.now, fleet.clock.wait_until, errors=errors)
+def make_checks(
+    mission: Mission, plan: Plan, fleet: Fleet, display: Display, ask: Callable[[str], None] | None = None
+) -> CheckReport:
+    """Connects the fleet and runs every check of the mission, the plan and the fleet; arms and moves nothing.
+
+    Args:
+        mission: as loaded.
+        plan: its plan.
+        fleet: not yet connected.
+        display: for the operator.
+        ask: tells the operator which vehicle to move by hand; None: nobody is asked to.
+    """
+    errors = fleet.connect(display=display)
+    by_hand: list[SelfCheck] = []
+    if not fleet.virtual:
+        by_hand = [SelfCheck(BY_HAND, "not run", "check --identify asks to move each vehicle, and watches its body")]
+        if ask is not None and not errors:
+            by_hand = identify_fleet(fleet, ask)
+    with display.working("listening"):
+        if not fleet.virtual and not errors:
+            settle(fleet)
+        probe = probe_backend(
+            fleet.vehicles,
+            fleet.listening,
+            fleet.clock.now,
+            fleet.clock.wait_until,
+            errors=errors,
+            more=lambda: (*fleet.more_checks(), *by_hand),
+        )
     with display.working("checking"):
         checks = run_checks(mission, plan, now_s=time.monotonic(), probe=probe)
     display.note(f"checks: {checks.summary}")
     return checks
 
 
-def check_mission(mission: Mission, display: Display, backend: str = "sim", sim: str = "kinematic") -> CheckReport:
-    """Plans and checks a mission, without flying.
+def check_mission(
+    mission: Mission,
+    display: Display,
+    backend: str = "sim",
+    sim: str = "kinematic",
+    ask: Callable[[str], None] | None = None,
+) -> CheckReport:
+    """Plans and checks a mission, without flying; ``ask`` as for ``make_checks``.
 
     Raises:
         InputError: there is no such backend.
         PlannerError: the planner's settings are wrong.
     """
-    require(backend, sim)
+    require_ready(mission, backend, sim)
     plan = make_plan(mission, display)
     fleet = connect(mission, backend, sim, horizon_s=plan.makespan_s)
     try:
-        return make_checks(mission, plan, fleet, display)
+        return make_checks(mission, plan, fleet, display, ask)
     finally:
         fleet.close()
 
@@ -126,8 +161,8 @@ def run_mission(
     Args:
         mission: as loaded.
         out: run folder; default: ``runs/<mission>-<time>``.
-        backend: ``sim``.
-        sim: ``kinematic``.
+        backend: ``sim`` or ``real``.
+        sim: ``kinematic`` or ``wire``.
         dry_run: stop before arming.
         display: for the operator; default: none.
         operator: default: nobody, who wishes nothing.
@@ -139,7 +174,7 @@ def run_mission(
         PlannerError: with the planner's settings.
     """
     display, operator = display or NullDisplay(), operator or ScriptedOperator()
-    require(backend, sim)
+    require_ready(mission, backend, sim)
     folder = None if dry_run else run_folder.prepare(out, mission.name)
     try:
         plan = make_plan(mission, display)
@@ -150,6 +185,9 @@ def run_mission(
                 return RunResult("dry run" if dry_run else "refused", plan, checks)
             save_copy(mission, folder / run_folder.MISSION)
             outcome, failure = _fly(mission, plan, checks, fleet, folder, display, operator, command)
+            trouble = fleet.trouble()
+            if trouble is not None:
+                display.note(trouble)
         finally:
             fleet.close()
     finally:
@@ -165,8 +203,7 @@ def run_mission(
                 report = make(folder, mission.settings, drawing_of(mission.geometry), kind)
             except DeployError as error:
                 failure = failure or str(error)
-    truth = fleet.truth() if fleet.truth is not None else None
-    return RunResult(kind, plan, checks, folder, report, outcome, truth, failure)
+    return RunResult(kind, plan, checks, folder, report, outcome, _truth(fleet), failure)
 
 
 def _fly(
@@ -198,7 +235,9 @@ def _fly(
     )
     recorder = Recorder(folder, meta, mission.settings, drawing_of(mission.geometry))
     watch = Watch(recorder, folder, display)
+    planner = _planner(mission, fleet, display)
     try:
+        fleet.hand_over()
         operator.attach(fleet.clock)
         display.begin(_header(mission, fleet))
         with operator:
@@ -208,7 +247,7 @@ def _fly(
                 vehicles=fleet.vehicles,
                 poses=fleet.poses,
                 clock=fleet.clock,
-                planner=_planner(mission, fleet),
+                planner=planner,
                 operator=operator,
                 observer=watch,
                 virtual=fleet.virtual,
@@ -218,8 +257,16 @@ def _fly(
             )
     finally:
         display.end()
+        planner.close()
         _close(recorder, watch)
     return outcome, watch.failure
+
+
+def _truth(fleet: Fleet) -> Truth | None:
+    try:
+        return fleet.truth() if fleet.truth is not None else None
+    except SimulationError:  # its conductor was killed before it could tell
+        return None
 
 
 def _close(recorder: Recorder, watch: Watch) -> None:
@@ -229,9 +276,14 @@ def _close(recorder: Recorder, watch: Watch) -> None:
         watch.failure = watch.failure or str(error)
 
 
-def _planner(mission: Mission, fleet: Fleet) -> Planner:
+def _planner(mission: Mission, fleet: Fleet, display: Display) -> Planner:
     settings = replanning(mission)
-    return InlinePlanner(settings, fleet.planner_delay_s) if fleet.virtual else ProcessPlanner(settings)
+    if fleet.virtual:
+        return InlinePlanner(settings, fleet.planner_delay_s)
+    planner = ProcessPlanner(settings, fleet.planner_delay_s)
+    with display.working("starting the planner"):
+        planner.wait_warm(WARM_S)  # what compiles now neither delays the first replan nor disturbs the loop
+    return planner
 
 
 def _header(mission: Mission, fleet: Fleet) -> Header:

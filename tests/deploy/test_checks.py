@@ -21,7 +21,7 @@ from deploy.check_table import check_lines, check_table
 from deploy.checks import check_plan
 from deploy.frames import Frame
 from deploy.settings import Geofence, Settings
-from drivers.vehicle import Pose, VehicleState
+from drivers.vehicle import Pose, SelfCheck, VehicleState
 from planner.plan import Action, Move, Visit
 
 ROOT = Path(__file__).parents[2]
@@ -471,6 +471,9 @@ def test_probe_listens_and_moves_nothing() -> None:
         def state(self) -> VehicleState:
             return VehicleState("uav0", 0.0, True, False)
 
+        def self_checks(self) -> list[SelfCheck]:
+            return [SelfCheck("radio", "pass", "the link is good")]
+
     class Stream:
         def __init__(self) -> None:
             self.reads = 0
@@ -483,7 +486,7 @@ def test_probe_listens_and_moves_nothing() -> None:
     stream = Stream()
     probe = probe_backend(
         {"uav0": Silent()},  # type: ignore[dict-item]
-        stream,  # type: ignore[arg-type]
+        stream,
         lambda: time[0],
         lambda t: time.__setitem__(0, t),
         listen_s=1.0,
@@ -493,3 +496,4 @@ def test_probe_listens_and_moves_nothing() -> None:
     assert probe.poses["body0"].position_m[0] == stream.reads >= 10
     assert set(probe.states) == {"uav0"}
     assert probe.errors == {"ugv0": "gone"}
+    assert probe.findings["uav0"][0].name == "radio"

@@ -1,0 +1,73 @@
+"""Poses between connecting and the first turn of the loop: estimators need them all the time, long before take-off."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+import time
+from collections.abc import Mapping, Sequence
+
+from drivers.errors import DriverError
+from drivers.vehicle import Pose, PoseSource, Vehicle
+
+PERIOD_S = 0.02
+
+
+class PoseFeeder:
+    """Hands fresh poses to the vehicles from a thread of its own, and looks at them as the loop will.
+
+    Nothing moves meanwhile, so every finite pose is handed on; the loop, which takes over, hands on what it trusts.
+
+    Args:
+        vehicles: by id.
+        bodies: vehicle id by body.
+        poses: connected, or not yet: then there are none.
+    """
+
+    def __init__(self, vehicles: Mapping[str, Vehicle], bodies: Mapping[str, str], poses: PoseSource) -> None:
+        self._vehicles, self._bodies, self._poses = vehicles, bodies, poses
+        self._lock = threading.Lock()
+        self._fresh: dict[str, Pose] = {}
+        self._open = False
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="pose feeder", daemon=True)
+        self._thread.start()
+
+    def poses_connected(self) -> None:
+        """From now on poses are read."""
+        self._open = True
+
+    def read(self) -> Sequence[Pose]:
+        """The newest pose of each body since the last call, as ``PoseSource.read``."""
+        with self._lock:
+            fresh, self._fresh = self._fresh, {}
+        return tuple(fresh.values())
+
+    def stop(self) -> None:
+        """Ends it: the loop takes over; again does nothing."""
+        self._stop.set()
+        if self._thread is not threading.current_thread():
+            self._thread.join(2.0)
+
+    def _run(self) -> None:
+        due_s = time.monotonic()
+        while not self._stop.is_set():
+            with contextlib.suppress(DriverError):
+                self._turn()
+            due_s = max(due_s + PERIOD_S, time.monotonic())
+            self._stop.wait(due_s - time.monotonic())
+
+    def _turn(self) -> None:
+        for vehicle in self._vehicles.values():
+            vehicle.state()  # drivers tell their vehicles that somebody is there only while somebody looks
+        if not self._open:
+            return
+        for pose in self._poses.read():
+            vehicle_id = self._bodies.get(pose.body)
+            if vehicle_id is None or not all(map(math.isfinite, (*pose.position_m, pose.yaw_rad, pose.stamp_s))):
+                continue
+            with self._lock:
+                self._fresh[pose.body] = pose
+            with contextlib.suppress(DriverError):
+                self._vehicles[vehicle_id].feed_pose(pose)
