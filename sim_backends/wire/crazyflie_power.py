@@ -34,12 +34,12 @@ class Power:
         """Starts with a full battery.
 
         Args:
-            low_v: below this for 5 s the state is ``LOW_POWER``.
+            low_v: below this for 5 s the state is ``LOW_POWER``; below 3.0 V for as long ``SHUTDOWN``.
         """
         self.low_v, self.critical_v = low_v, 3.0
         self.vbat = CURVE_V[-1]
         self.state = BATTERY
-        self._low_s = 0.0
+        self._low_s = self._critical_s = 0.0
 
     def step(self, level: float, charging: bool, motors: bool, dt_s: float) -> None:
         """Lets ``dt_s`` pass.
@@ -53,9 +53,9 @@ class Power:
         target = rest_v(level) - (SAG_V if motors else 0.0) + (0.05 if charging and level < 1.0 else 0.0)
         self.vbat += (target - self.vbat) * min(1.0, dt_s / 0.3)
         if charging:
-            self.state, self._low_s = (CHARGED if level >= 1.0 else CHARGING), 0.0
+            self.state = CHARGED if level >= 1.0 else CHARGING
+            self._low_s = self._critical_s = 0.0
             return
         self._low_s = self._low_s + dt_s if self.vbat < self.low_v else 0.0
-        self.state = LOW_POWER if self._low_s > LOW_S else BATTERY
-        if self.vbat < self.critical_v and self._low_s > LOW_S:
-            self.state = SHUTDOWN
+        self._critical_s = self._critical_s + dt_s if self.vbat < self.critical_v else 0.0
+        self.state = SHUTDOWN if self._critical_s > LOW_S else LOW_POWER if self._low_s > LOW_S else BATTERY

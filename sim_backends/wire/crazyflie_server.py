@@ -181,6 +181,18 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(argv)
 
 
+def _bound(host: str, port: int) -> socket.socket:
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        sock.bind((host, port))
+    except (OSError, OverflowError) as error:
+        sock.close()
+        raise SimulationError(
+            f"cannot listen on {host}:{port}: {error}; give another --port, or an address of this computer as --host"
+        ) from error
+    return sock
+
+
 def main(argv: list[str] | None = None) -> int:
     """Entry point of the process; returns its exit code."""
     args = _arguments(argv)
@@ -196,10 +208,9 @@ def main(argv: list[str] | None = None) -> int:
                 world = World.create(Path(folder), config)
             else:
                 world = World(args.world)
-            sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-            sock.bind((args.host, args.port))
+            sock = _bound(args.host, args.port)
             server = CrazyflieServer(world, args.vehicle, sock, kind, feed=args.feed)
-        except (SimulationError, OSError, OverflowError) as error:
+        except SimulationError as error:
             print(f"crazyflie_server: {error}", file=sys.stderr)
             return 2
         with contextlib.closing(sock):
