@@ -11,8 +11,9 @@ from sim_backends.errors import SimulationError
 
 T = TypeVar("T")
 
-NATNET_PORTS = (1510, 1511)
-"""OptiTrack's ports, which its clients cannot change: simulations side by side need an address each."""
+NATNET_PORTS = (1510,)
+"""OptiTrack's command port: simulations side by side need an address each. The server itself gives each client a data
+port: one client of any of them listens on 1511 at every address of this computer."""
 MAX_DOMAIN = 101
 """Highest ROS domain whose ports (7400 + 250 domain + ...) lie below those that Linux gives away (32768...)."""
 
