@@ -24,7 +24,8 @@ LIFT_OFF = 1.05
 SCRAPE_MPS = 1.0
 """Sideways at touch-down."""
 CRASH_TILT = math.radians(50.0)
-WANDER_S = 2.0
+WANDER_S, GUST_S = 2.0, 20.0
+"""How long a deviation and a gust last."""
 AT_REST = array("d", bytes(6 * 8))
 LOOK_STEPS = 5
 """Steps between two looks at the ground from well above it."""
@@ -67,7 +68,7 @@ class CrazyflieBody:
         self._offset = self._on_ugv()
         self._slide_m = 0.0
         self._looked = 0
-        self._wander = [0.0] * 6
+        self._wander, self._gust = [0.0] * 6, 0.0
         self.read_faults()
 
     @property
@@ -116,6 +117,7 @@ class CrazyflieBody:
 
     def _lift_off(self) -> None:
         self.standing = False
+        self.dynamics.state[6:8] = array("d", self.velocity_mps[:2])  # of the UGV that it leaves
         self._slide_m = 0.0
         self.code = FINE
 
@@ -160,7 +162,7 @@ class CrazyflieBody:
             self.dynamics.step(0.0, 0.0, air.yaw_gain * s[5], 0.0)
         vx, vy, vz = s[6], s[7], s[8]
         speed = math.hypot((s[0] - x) / h, (s[1] - y) / h)
-        lost = self.faults.wind_mps * min(1.0, speed / CALM_MPS)
+        lost = max(0.0, self.faults.wind_mps + self._gust) * min(1.0, speed / CALM_MPS)
         if lost > 0.0 and speed > 1e-6:
             vx, vy = vx * (1.0 - min(lost / speed, 0.9)), vy * (1.0 - min(lost / speed, 0.9))
             s[0], s[1] = x + vx * h, y + vy * h
@@ -183,6 +185,9 @@ class CrazyflieBody:
         for i, part in enumerate((1.0, 1.0, 0.3)):
             w[i] += -f * w[i] + part * kick * self._random.gauss(0.0, 1.0)
             w[3 + i] += f * (w[i] - w[3 + i])
+        if self._world.config.gust_mps > 0.0:
+            kick = self._world.config.gust_mps * math.sqrt(2.0 * dt_s / GUST_S)
+            self._gust += -dt_s / GUST_S * self._gust + kick * self._random.gauss(0.0, 1.0)
 
     def _touch(self, vz: float, level_mps: float) -> None:
         roll, pitch, _ = self.rpy

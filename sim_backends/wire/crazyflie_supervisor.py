@@ -158,7 +158,7 @@ class Supervisor:
             if age_s > LEVEL_OUT_S:
                 return State.LEVEL_OUT
             return State.FLYING if flying or state is State.LEVEL_OUT else State.LANDED
-        if state is State.LANDED:
+        if state is State.LANDED:  # as in the firmware, a stop takes effect when this state is over
             if not self._modern or in_state_s > self.landed_s:
                 return State.RESET
             return State.FLYING if flying else state

@@ -202,3 +202,16 @@ def test_lying_on_its_side_it_is_not_ready() -> None:
 def test_bits_of_the_high_level_commander_are_newer() -> None:
     assert Rig().supervisor.info(Phase.LANDING, False) & HL_ACTIVE
     assert not Rig(modern=False).supervisor.info(Phase.LANDING, True) >> 8
+
+
+def test_a_stop_after_landing_waits_until_it_is_reset() -> None:
+    rig = Rig()
+    rig.fly()
+    rig.thrust = False
+    rig.run(2.1)
+    assert rig.supervisor.state is State.LANDED
+    rig.supervisor.emergency_stop()
+    rig.run(0.5)
+    assert not rig.supervisor.locked
+    rig.run(3.0)
+    assert rig.supervisor.locked

@@ -425,6 +425,16 @@ def test_it_rides_along_on_a_ugv(rig: Rig) -> None:
     assert rig.row().velocity_mps == (0.3, 0.0, 0.0)
 
 
+def test_it_takes_the_speed_of_the_ugv_that_it_leaves(rig: Rig) -> None:
+    dock(rig)
+    rig.world.put(1, replace(rig.world.body(1), velocity_mps=(0.4, 0.0, 0.0)))
+    rig.run(STEP_S)
+    rig.takeoff(0.8, 1.0)
+    while not rig.row().airborne:
+        rig.run(STEP_S)
+    assert rig.row().velocity_mps[0] == pytest.approx(0.4, abs=0.05)
+
+
 def test_it_may_start_on_a_dock(tmp_path: Path) -> None:
     rig = Rig(tmp_path, replace(UAV, on="ugv0", energy_j=1000.0))
     rig.run(1.0)
