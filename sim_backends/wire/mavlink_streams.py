@@ -49,7 +49,7 @@ STREAM_PARAMS = {
 }  # fmt: skip
 FULL_MV, EMPTY_MV, CELLS = 16_800, 13_200, 4
 """Of four lithium cells."""
-SENSORS = 0x1 | 0x2 | 0x4 | 0x8 | 0x10000 | 0x200000 | 0x2000000
+SENSORS = 0x1 | 0x2 | 0x4 | 0x8 | 0x8000 | 0x200000 | 0x2000000
 """Gyroscopes, accelerometers, compass, barometer, motors, AHRS, battery of MAV_SYS_STATUS_SENSOR."""
 GPS_BIT, VISION_BIT, PREARM_BIT = 0x20, 0x80, 0x10000000
 
