@@ -132,6 +132,7 @@ class Crazyflie:
         """
         if self._link is not None:
             return
+        self._closing.clear()
         timeout_s = deadline_s - self._clock.now()
         if timeout_s <= 0:
             raise DriverError(f"{self._id}: no time left to connect to {self._uri}; give a longer deadline")
@@ -139,7 +140,6 @@ class Crazyflie:
             self._adopt(self._connect(timeout_s))
         except DriverError as error:
             raise DriverError(f"{self._id}: cannot connect to {self._uri} within {timeout_s:.0f} s: {error}") from error
-        self._closing.clear()
         self._worker = threading.Thread(target=self._work, name=f"crazyflie-{self._id}", daemon=True)
         self._worker.start()
 
@@ -353,7 +353,7 @@ class Crazyflie:
             self._flight.acknowledged(*self._answers.popleft(), seen)
         for command in commands:
             self._take(command, seen)
-        orders = self._flight.step(seen)
+        orders = self._flight.step(self._look() if commands else seen)
         if link is None:
             return
         for order in orders:

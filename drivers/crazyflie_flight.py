@@ -33,6 +33,8 @@ DOCK_MISSED = "dock missed"
 LANDED_S = 3.0
 RISEN_M = 0.05
 TRIES = 8
+PATIENCE_S = 1.2
+"""The end of a take-off or a leg is not worth a brake: its last second is slow."""
 
 
 class Flight:
@@ -261,7 +263,7 @@ class Flight:
 
     def _fly(self, command: Command, end_m: Vec3, speed_mps: float, seen: Seen) -> None:
         """A straight flight, as soon as the set-point rests."""
-        self._brake(seen)
+        self._brake(seen, PATIENCE_S)
         self.phase, self.goal, self.fault = Phase.FLY, command, None
         self._pending, self._speed_mps = end_m, speed_mps
         self._next_leg(seen)
@@ -270,13 +272,20 @@ class Flight:
         self._brake(seen)
         self.phase, self.goal = Phase.FLY, command
 
-    def _brake(self, seen: Seen) -> None:
-        """Stops whatever runs; from then on the set-point comes to rest."""
+    def _brake(self, seen: Seen, patience_s: float = 0.0) -> None:
+        """Stops whatever runs; from then on the set-point comes to rest.
+
+        A motion that ends within ``patience_s``, or before a brake would, is left to end.
+        """
         sp = self.set_point(seen.now_s)
         self._leg, self._pending, self._docking, self._lifting = [], None, None, None
         if sp is None or (self._over(seen.now_s) and not self._final):
             return
         segment = brake(sp, seen.now_s, self.rules.limits.accel_mps2)
+        running = self._segment
+        gentle = not (self._final or running is None or running.linear)
+        if gentle and running is not None and running.end_s <= max(segment.end_s, seen.now_s + patience_s):
+            return
         x, y, z = segment.end_m
         lowest = seen.ground_m + DOWN_M + RISEN_M
         if z < lowest:

@@ -18,13 +18,13 @@ from sim_backends.wire.world import World
 from sim_backends.world import SimUav, SimUgv, WorldConfig
 from tests.drivers.contract import Harness
 
-LIMITS = UavLimits(max_speed_mps=1.5, accel_mps2=2.0, climb_mps=0.7, descent_mps=0.5, altitude_m=2.5)
+LIMITS = UavLimits(max_speed_mps=1.5, accel_mps2=2.0, climb_mps=1.0, descent_mps=0.7, altitude_m=2.5)
 PAD_M = 0.3
 TOLERANCE_M = 0.05
 CONFIG = WorldConfig(
     uavs=(
         SimUav(
-            "uav0", "cf0", (0.0, 0.0), max_speed_mps=1.5, accel_mps2=2.0, climb_mps=0.7, descent_mps=0.5,
+            "uav0", "cf0", (0.0, 0.0), max_speed_mps=1.5, accel_mps2=2.0, climb_mps=1.0, descent_mps=0.7,
             tracking_noise_m=0.01, dock_noise_m=0.005, drift_mps=0.02,
         ),
     ),
@@ -54,7 +54,7 @@ class TruePoses:
         self._last_s = now_s
         vehicles = self._world.config.vehicles
         return [
-            Pose(v.body, b.position_m, b.yaw_rad, now_s)
+            Pose(v.body, (b.position_m[0], b.position_m[1], b.position_m[2]), b.yaw_rad, now_s)
             for v, b in zip(vehicles, self._world.bodies(), strict=True)
             if v.body not in self.hidden
         ]
@@ -103,7 +103,7 @@ class Lab:
         )  # fmt: skip
 
     def harness(self, **sizes: float) -> Harness:
-        given = {"altitude_m": 1.0, "leg_m": 2.0, "speed_mps": 0.5, "tolerance_m": 0.1, "pad_height_m": PAD_M}
+        given = {"altitude_m": 0.7, "leg_m": 1.5, "speed_mps": 0.6, "tolerance_m": 0.1, "pad_height_m": PAD_M}
         made = Harness({"uav0": self.uav}, self.poses, self.clock, {"uav0": "cf0"}, **{**given, **sizes})  # type: ignore[arg-type]
         made.bodies = {"uav0": "cf0", "ugv0": "limo0"}
         made.vehicles["ugv0"] = _Parked(self.book)  # type: ignore[assignment]
