@@ -44,6 +44,7 @@ from sim_backends.wire.mavlink_autopilot import (
     Mode,
     Order,
     VehicleType,
+    whole,
     wish_of,
 )  # fmt: skip
 from sim_backends.wire.mavlink_guidance import IDLE, Limits, Sense, Wish, stopping_point
@@ -176,16 +177,16 @@ class ArduPilot(Autopilot):
         p = order.p
         match order.command:
             case command if command == ARM_DISARM:
-                if round(p[0]) == 1:
-                    return ACCEPTED if self._arm(sense, forced=round(p[1]) == FORCE_ARM_MAGIC) else FAILED
-                if round(p[0]) == 0:
-                    forced = round(p[1]) == FORCE_MAGIC
+                if whole(p[0]) == 1:
+                    return ACCEPTED if self._arm(sense, forced=whole(p[1]) == FORCE_ARM_MAGIC) else FAILED
+                if whole(p[0]) == 0:
+                    forced = whole(p[1]) == FORCE_MAGIC
                     return ACCEPTED if self.disarm(sense, forced=forced, by="MAVLink") else FAILED
                 return UNSUPPORTED
             case command if command == SET_MODE:
-                if not int(p[0]) & CUSTOM:
+                if not whole(p[0]) & CUSTOM:
                     return DENIED
-                return ACCEPTED if self.set_custom_mode(int(p[1]), sense) else FAILED
+                return ACCEPTED if self.set_custom_mode(whole(p[1]), sense) else FAILED
             case command if command == TAKEOFF:
                 return self._take_off(order, sense)
             case command if command in (LAND, RTL, LOITER):
@@ -207,7 +208,7 @@ class ArduPilot(Autopilot):
                     self.home = sense.ned
                     return ACCEPTED
                 return FAILED
-            case command if command == PAUSE and self.mode == "GUIDED" and round(p[0]) == 0:
+            case command if command == PAUSE and self.mode == "GUIDED" and whole(p[0]) == 0:
                 self._point = None
                 self._hold = stopping_point(sense.ned, sense.velocity, self.limits.accel_mps2)
                 return ACCEPTED
@@ -234,7 +235,7 @@ class ArduPilot(Autopilot):
     def _reposition(self, order: Order, sense: Sense) -> int:
         if not order.is_int:
             return INT_ONLY
-        if self.mode != "GUIDED" and not int(order.p[1]) & 1:
+        if self.mode != "GUIDED" and not whole(order.p[1]) & 1:
             return DENIED
         lat, lon, alt = order.p[4:]
         placed = self.globe.place(order.frame, lat, lon, alt) if lat or lon else None
@@ -250,14 +251,14 @@ class ArduPilot(Autopilot):
 
     def _change_speed(self, which: float, speed_mps: float) -> int:
         if self.kind == "rover":
-            if which not in (0.0, 1.0):
+            if whole(which) not in (0, 1):
                 return DENIED
             self.cruise_mps = speed_mps
             return ACCEPTED
         names = {0: "WPNAV_SPEED", 1: "WPNAV_SPEED", 2: "WPNAV_SPEED_UP", 3: "WPNAV_SPEED_DN"}
-        if speed_mps <= 0 or int(which) not in names:
+        if not speed_mps > 0 or whole(which) not in names:
             return DENIED
-        self.params.put(names[int(which)], 100.0 * speed_mps)
+        self.params.put(names[whole(which)], 100.0 * speed_mps)
         return ACCEPTED
 
     def _enter_now(self, sense: Sense) -> None:

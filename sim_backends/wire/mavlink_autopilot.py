@@ -41,6 +41,11 @@ ARM_DISARM, SET_MODE, TAKEOFF, LAND, RTL, LOITER, REPOSITION, CHANGE_SPEED, TERM
 """MAV_CMD."""
 
 
+def whole(value: float) -> int:
+    """A parameter of an order as an integer; ground stations send NaN for what they do not give."""
+    return round(value) if math.isfinite(value) else 0
+
+
 class Does(enum.Enum):
     """What a vehicle does in a mode."""
 

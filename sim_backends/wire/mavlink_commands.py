@@ -21,6 +21,7 @@ from sim_backends.wire.mavlink_autopilot import (
     WARNING,
     Autopilot,
     Order,
+    whole,
 )  # fmt: skip
 from sim_backends.wire.mavlink_guidance import Sense
 from sim_backends.wire.mavlink_link import mavlink
@@ -124,16 +125,16 @@ class Commands:
         p = order.p
         match order.command:
             case mavlink.MAV_CMD_REQUEST_MESSAGE:
-                return self._request(int(p[0]))
+                return self._request(whole(p[0]))
             case mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
                 return self._request(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
             case mavlink.MAV_CMD_GET_HOME_POSITION:
                 return self._request(mavlink.MAVLINK_MSG_ID_HOME_POSITION)
             case mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
-                return ACCEPTED if self._streams.set_interval(int(p[0]), p[1]) else DENIED
+                return ACCEPTED if self._streams.set_interval(whole(p[0]), p[1]) else DENIED
             case mavlink.MAV_CMD_GET_MESSAGE_INTERVAL:
-                interval = self._streams.interval_us(int(p[0]))
-                self._send(mavlink.MAVLink_message_interval_message(int(p[0]), interval))
+                interval = self._streams.interval_us(whole(p[0]))
+                self._send(mavlink.MAVLink_message_interval_message(whole(p[0]), interval))
                 return ACCEPTED
             case mavlink.MAV_CMD_PREFLIGHT_CALIBRATION:
                 if self._autopilot.armed:
@@ -141,7 +142,7 @@ class Commands:
                 self._calibration = (sense.now_s + CALIBRATION_S, system, component)
                 return IN_PROGRESS
             case mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN:
-                if self._autopilot.armed or int(p[0]) != 1:
+                if self._autopilot.armed or whole(p[0]) != 1:
                     return DENIED
                 self._reboot()
                 return ACCEPTED

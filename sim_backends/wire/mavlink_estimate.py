@@ -21,6 +21,8 @@ Source = Literal["gps", "vision"]
 
 WANDER_S = 8.0
 """Time constant of the error of GPS."""
+FAR_M = 1e5
+"""An external pose further away than this is rubbish."""
 BLEND = 0.3
 """Share of an external pose's innovation that the estimate takes on."""
 FIRST_POSES = 10
@@ -108,7 +110,7 @@ class Estimate:
 
     def set_origin(self, lat_deg: float, lon_deg: float) -> bool:
         """Says where on the globe the local frame of external poses begins; once, as in both firmwares."""
-        if self._source == "gps" or self.local is not None:
+        if self._source == "gps" or self.local is not None or not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0):
             return False
         self.local = GeoFrame(lat_deg, lon_deg)
         return True
@@ -180,7 +182,7 @@ class Estimate:
             yaw: heading in it; NaN: unknown.
             body_yaw_rad: the body's real heading in the arena, which the filter compares by its gyroscopes.
         """
-        if self._source != "vision" or not self._accepts() or not all(map(math.isfinite, ned)):
+        if self._source != "vision" or not self._accepts() or not all(abs(v) < FAR_M for v in ned):
             return
         dt = now_s - self._pose_s
         first = self._poses == 0 or dt > self._quality.timeout_s

@@ -106,7 +106,8 @@ def velocity_for(wish: Wish, sense: Sense, limits: Limits) -> Vec3:
     n, e, d = sense.ned
     pn, pe, pd = wish.position
     vn, ve, vd = (_or(v, 0.0) for v in wish.velocity)
-    level = min(wish.level_mps, limits.level_mps)
+    # parameters may be anything, even negative
+    level = max(0.0, min(wish.level_mps, limits.level_mps))
     if math.isfinite(pn) and math.isfinite(pe):
         dn, de = pn - n, pe - e
         distance = math.hypot(dn, de)
@@ -119,5 +120,6 @@ def velocity_for(wish: Wish, sense: Sense, limits: Limits) -> Vec3:
     if math.isfinite(pd):
         dd = pd - d
         vd += math.copysign(approach_mps(abs(dd), limits.accel_mps2), dd)
-    vd = max(vd, -min(wish.up_mps, limits.up_mps))
-    return (vn, ve, min(vd, wish.down_mps, limits.down_mps))
+    up = max(0.0, min(wish.up_mps, limits.up_mps))
+    down = max(0.0, min(wish.down_mps, limits.down_mps))
+    return (vn, ve, min(max(vd, -up), down))

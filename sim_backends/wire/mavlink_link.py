@@ -10,7 +10,7 @@ import random
 import select
 import socket
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega
@@ -50,6 +50,28 @@ def parse_key(text: str) -> bytes:
     if len(key) != 32:
         raise SimulationError("the signing key is not 64 hex digits; give 32 bytes, such as: openssl rand -hex 32")
     return key
+
+
+def _careful(codec: Any) -> Callable[[bytearray, int, int], bool]:
+    """Pymavlink's check without its flaw: a stamp counts before its signature is found to be wrong.
+
+    Whoever sends rubbish with a late stamp could so shut out the real ground station.
+    """
+    check, stamps = codec.check_signature, codec.signing.stream_timestamps
+
+    def checked(data: bytearray, system: int, component: int) -> bool:
+        before = dict(stamps)
+        good = bool(check(data, system, component))
+        if not good:
+            stamps.clear()
+            stamps.update(before)
+        return good
+
+    return checked
+
+
+def _stamp_now() -> int:
+    return int((time.time() - SIGNING_EPOCH_S) * 1e5)
 
 
 class Link:
@@ -92,11 +114,9 @@ class Link:
         self._clients: dict[Address, float] = {}
         self._streams: dict[socket.socket, Any] = {}
         self._server: socket.socket | None = None
+        self._signing: Any = None
         self._packer = self._codec()
         self._parser = self._codec()
-        if key is not None:
-            # one clock and one memory of stamps for both directions
-            self._parser.signing = self._packer.signing
         try:
             self._udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             self._udp.bind((host, port or 0))
@@ -110,11 +130,17 @@ class Link:
     def _codec(self) -> Any:
         codec = mavlink.MAVLink(None, srcSystem=self._sysid, srcComponent=mavlink.MAV_COMP_ID_AUTOPILOT1)
         codec.robust_parsing = True
-        if self._key is not None:
+        if self._signing is not None:
+            # one clock and one memory of stamps for all directions
+            codec.signing = self._signing
+            codec.check_signature = _careful(codec)
+        elif self._key is not None:
+            self._signing = codec.signing
             codec.signing.secret_key = self._key
             codec.signing.sign_outgoing = True
-            codec.signing.timestamp = int((time.time() - SIGNING_EPOCH_S) * 1e5)
+            codec.signing.timestamp = _stamp_now()
             codec.signing.allow_unsigned_callback = lambda _codec, message_id: message_id in UNSIGNED
+            codec.check_signature = _careful(codec)
         return codec
 
     @property
@@ -164,9 +190,7 @@ class Link:
             if sock is self._server:
                 client, _ = self._server.accept()
                 client.setblocking(False)
-                codec = self._codec()
-                codec.signing = self._parser.signing
-                self._streams[client] = codec
+                self._streams[client] = self._codec()
                 continue
             try:
                 data = sock.recv(65536)
@@ -200,6 +224,9 @@ class Link:
         """Sends to everybody who listens."""
         if self.faults.lost or self.faults.silent:
             return
+        if self._key is not None:
+            # the codec only counts up; a stamp has to keep up with the clock
+            self._packer.signing.timestamp = max(self._packer.signing.timestamp, _stamp_now())
         data = message.pack(self._packer)
         self._packer.seq = (self._packer.seq + 1) % 256
         oldest_s = time.monotonic() - FORGET_S

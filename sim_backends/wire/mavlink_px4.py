@@ -40,6 +40,7 @@ from sim_backends.wire.mavlink_autopilot import (
     Mode,
     Order,
     VehicleType,
+    whole,
     wish_of,
 )  # fmt: skip
 from sim_backends.wire.mavlink_guidance import IDLE, NAN, Limits, Sense, Wish
@@ -194,16 +195,16 @@ class Px4(Autopilot):
         p = order.p
         match order.command:
             case command if command == ARM_DISARM:
-                forced = round(p[1]) == FORCE_MAGIC
-                if round(p[0]) not in (0, 1):
+                forced = whole(p[1]) == FORCE_MAGIC
+                if whole(p[0]) not in (0, 1):
                     return UNSUPPORTED
                 by = "external command"
-                done = self._arm(sense) if round(p[0]) == 1 else self.disarm(sense, forced=forced, by=by)
+                done = self._arm(sense) if whole(p[0]) == 1 else self.disarm(sense, forced=forced, by=by)
                 return ACCEPTED if done else REJECTED
             case command if command == SET_MODE:
-                if not int(p[0]) & CUSTOM:
+                if not whole(p[0]) & CUSTOM:
                     return REJECTED
-                return self._mode_result(self.set_custom_mode(_number(int(p[1]), int(p[2])), sense))
+                return self._mode_result(self.set_custom_mode(_number(whole(p[1]), whole(p[2])), sense))
             case command if command == TAKEOFF:
                 return self._take_off(order, sense)
             case command if command == LAND and self.kind == "copter":
@@ -259,7 +260,7 @@ class Px4(Autopilot):
         return ACCEPTED
 
     def _reposition(self, order: Order, sense: Sense) -> int:
-        if int(order.p[1]) & 1 and not self.set_mode("HOLD", sense):
+        if whole(order.p[1]) & 1 and not self.set_mode("HOLD", sense):
             self.say(CRITICAL, "Reposition command rejected")
             return REJECTED
         if self.mode != "HOLD":

@@ -59,13 +59,15 @@ class View:
     """Everything that telemetry tells.
 
     Attributes:
+        sense: what the autopilot believes.
+        autopilot: its state.
+        estimate: which knows the globe.
         boot_ms: since the vehicle was switched on.
         unix_us: wall clock.
         charging: on its charger.
-        ground_m: height of the local origin's ground above the sea is in ``autopilot.globe``.
-        rates: roll, pitch and yaw rate, rad/s.
         tilt: roll and pitch, forward-right-down.
         source: of the position.
+        noise_m: of GPS.
     """
 
     sense: Sense
@@ -75,7 +77,6 @@ class View:
     unix_us: int
     charging: bool
     tilt: tuple[float, float]
-    yaw_rate: float
     source: str
     noise_m: float
 
@@ -97,7 +98,7 @@ def heartbeat(v: View) -> Any:
 
 
 def _attitude(v: View) -> Any:
-    return mavlink.MAVLink_attitude_message(v.boot_ms, *v.tilt, v.sense.yaw, 0.0, 0.0, v.yaw_rate)
+    return mavlink.MAVLink_attitude_message(v.boot_ms, *v.tilt, v.sense.yaw, 0.0, 0.0, 0.0)
 
 
 def _local(v: View) -> Any:

@@ -41,6 +41,8 @@ LONGEST_TURN_S = 0.1
 """A machine that stalls for longer slows the vehicle down rather than making it jump."""
 ZURICH = GeoFrame(47.397742, 8.545594)
 """Where PX4's simulators stand."""
+PARENT_S = 0.2
+"""Period in which it looks for its parent."""
 TEXT_LENGTH = 50
 ARDUPILOT_VISION_S = 7.0
 """EKF3 gives a position up so long after its last aid (``posRetryTimeNoVel_ms``)."""
@@ -245,7 +247,7 @@ class MavlinkVehicle:
         if due:
             view = View(
                 self._sense, self.autopilot, self._estimate, round(1000 * (now_s - self._boot_s)),
-                round(time.time() * 1e6), self._body.charging, self._body.tilt, 0.0, self._options.source,
+                round(time.time() * 1e6), self._body.charging, self._body.tilt, self._options.source,
                 self._options.noise_m,
             )  # fmt: skip
             for number in due:
@@ -288,22 +290,37 @@ def serve(
         parent: process that it does not outlive.
         ready: print a line once it can be talked to.
     """
-    stop = stop or threading.Event()
+    stop, born_of = stop or threading.Event(), os.getppid()
     craft = MavlinkVehicle(world, vehicle, options or VehicleOptions(port=0))
     try:
         if ready:
             tcp = "" if craft.link.tcp_port is None else f" tcp {craft.link.tcp_port}"
             sysid = (options or VehicleOptions(port=0)).sysid
             print(f"ready {vehicle} mavlink udp {craft.link.port}{tcp} sysid {sysid}", flush=True)
-        next_s = time.monotonic()
+        next_s = looked_s = time.monotonic()
         while not stop.is_set():
             craft.turn()
             next_s = max(next_s + TURN_S, time.monotonic() - LONGEST_TURN_S)
             craft.link.wait(next_s - time.monotonic())
-            if parent is not None and os.getppid() != parent:
-                return
+            if parent is not None and next_s - looked_s >= PARENT_S:
+                looked_s = next_s
+                if gone(parent, born_of):
+                    return
     finally:
         craft.close()
+
+
+def gone(pid: int, born_of: int) -> bool:
+    """Whether a process has ended; an own parent that nobody has buried yet counts as ended."""
+    if pid == born_of:
+        return os.getppid() != pid
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    except PermissionError:
+        return False
+    return False
 
 
 def _address(text: str) -> Address:
@@ -345,8 +362,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--out", type=_address, action="append", default=[], help="HOST:PORT to send to; may be repeated")
     p.add_argument("--tcp", type=int, help="port of a TCP server")
     p.add_argument("--signing-key", help="64 hex digits; MAVLINK_SIGNING_KEY in the environment is kept out of ps")
-    p.add_argument("--position", choices=("gps", "vision"), default="gps")
-    p.add_argument("--origin", type=_origin, default=ZURICH, help="LAT,LON[,ROTATION_DEG[,X,Y]] of the arena, deg, m")
+    p.add_argument("--position", choices=("gps", "vision"), help="default: gps; in a world without --origin: vision")
+    p.add_argument("--origin", type=_origin, help="LAT,LON[,ROTATION_DEG[,X,Y]] of the arena, deg, m")
     p.add_argument("--altitude", type=float, default=488.0, help="m of the floor above the sea")
     p.add_argument("--gps-noise", type=float, default=0.02, help="m")
     p.add_argument("--turn-radius", type=float, default=0.0, help="m, of a rover; 0 turns on the spot")
@@ -365,10 +382,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if args.world is not None and args.vehicle is None:
             raise SimulationError("--world needs --vehicle: which body is it?")
         key = args.signing_key or os.environ.get("MAVLINK_SIGNING_KEY")
+        # indoors nobody gives an origin
+        source = args.position or ("vision" if args.world is not None and args.origin is None else "gps")
         options = VehicleOptions(
             autopilot=cast(AutopilotName, args.autopilot), sysid=args.sysid, host=args.host, port=args.port,
             outs=tuple(args.out), tcp_port=args.tcp, key=None if not key else parse_key(key),
-            source=cast(Source, args.position), frame=args.origin, altitude_m=args.altitude, noise_m=args.gps_noise,
+            source=cast(Source, source), frame=args.origin or ZURICH, altitude_m=args.altitude, noise_m=args.gps_noise,
             turn_radius_m=args.turn_radius, params=tuple(args.param),
         )  # fmt: skip
         if args.world is not None:

@@ -16,7 +16,7 @@ from sim_backends.wire.physics import Ground, UavBattery, UgvBattery, ground_und
 from sim_backends.wire.world import Body, Modifiers, World
 
 SLOW_TURN_S = 0.1
-"""Period of what need not be looked at in every step: far ground, collisions, a rover's battery."""
+"""Period of what need not be looked at in every step: far ground, a rover's battery."""
 PUSHING_MPS = 0.1
 """Whoever wants down faster than this on the ground is landing."""
 WANDER_S = 2.0
@@ -110,10 +110,6 @@ class CopterInWorld:
             self._slow_s = now_s
         self._look_down(slow)
         powered = wish.motors and not faults.motor_fail and self._battery.energy_j > 0.0 and not copter.tumbled
-        if slow and not copter.landed and self._hit():
-            self._code, powered = states.COLLIDED, False
-        if self._code in (states.COLLIDED, states.MOTOR_FAILURE) and not copter.landed:
-            powered = False
         was_landed = copter.landed
         if self._ride is not None:
             self._carry()
@@ -203,16 +199,6 @@ class CopterInWorld:
         for i in (0, 1):
             self._sway[i + 2] += -share * self._sway[i + 2] + self._random.gauss(0.0, kick)
             self._sway[i] += share * (self._sway[i + 2] - self._sway[i])
-
-    def _hit(self) -> bool:
-        for row in range(self._world.n_uav):
-            if row == self._row:
-                continue
-            other = self._world.body(row)
-            flying = other.airborne or other.code == states.COLLIDED
-            if flying and math.dist(other.position_m, self.position) < self._world.config.collision_m:
-                return True
-        return False
 
     def put(self, autopilot: Autopilot) -> None:
         """Writes the row."""
