@@ -19,7 +19,7 @@ from drivers.clock import Clock
 from drivers.errors import DriverError
 from drivers.limits import PoseBook, UgvLimits
 from drivers.limo_checks import Seen, checks
-from drivers.pursuit import STILL, Mode, Motion, Pursuit, Tuning
+from drivers.pursuit import STILL, Mode, Motion, Pursuit, Tuning, carried_on
 from drivers.vehicle import (
     Arm,
     Command,
@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 PERIOD_S = 0.05
 STOPS = 10
 """So many stop commands follow a movement: half a second, in which a lossy radio delivers some."""
+CARRY_S = 0.1
+"""An older pose is carried on by no more than this; loops feed poses every 20 to 100 ms."""
 REMIND_S = 0.5
 """A locked Limo is told to stop so often, in case another program commands it."""
 SMOOTH_S = 10.0
@@ -123,6 +125,7 @@ class Limo:
     def _reset(self) -> None:
         self._armed = self._locked = self._driving = self._waiting = False
         self._pursuit: Pursuit | None = None
+        self._motion = STILL
         self._stops = 0
         self._due_s = self._turned_s = -math.inf
         self._battery_v: float | None = None
@@ -291,7 +294,7 @@ class Limo:
                 return
             dt_s = min(max(now_s - self._turned_s, 0.0), 2 * PERIOD_S)
             self._due_s, self._turned_s = max(self._due_s + PERIOD_S, now_s), now_s
-            motion = self._next(now_s, dt_s)
+            motion = self._motion = self._next(now_s, dt_s)
             if motion.still and not self._driving:
                 if self._stops > 0:
                     self._stops -= 1
@@ -315,7 +318,8 @@ class Limo:
         if pose is None or not fresh:
             self._waiting = True
             return pursuit.brake(dt_s, yaw_rad)
-        motion = pursuit.step(pose.position_m[0], pose.position_m[1], pose.yaw_rad, dt_s)
+        age_s = min(max(now_s - pose.stamp_s, 0.0), CARRY_S)
+        motion = pursuit.step(*carried_on(*pose.position_m[:2], pose.yaw_rad, self._motion, age_s), dt_s)
         if pursuit.arrived and motion.still:
             self._driving = False
         return motion

@@ -73,11 +73,22 @@ class Motion:
 
 
 STILL = Motion()
+
+
+def carried_on(x_m: float, y_m: float, yaw_rad: float, motion: Motion, age_s: float) -> tuple[float, float, float]:
+    """Where a body is ``age_s`` after it was seen, if it has moved as commanded."""
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    x_m += age_s * (c * motion.forward_mps - s * motion.left_mps)
+    y_m += age_s * (s * motion.forward_mps + c * motion.left_mps)
+    return x_m, y_m, yaw_rad + age_s * motion.turn_radps
+
+
 JOIN_M = 0.3
 """A path that begins nearer than this is joined where it is nearest; else its first point is driven to."""
 _WINDOW_M = 1.0
 _ROTATE_AT, _ROTATED = math.radians(35.0), math.radians(4.0)
 _GEAR_AT = math.radians(100.0)
+_SWING_AT, _SWUNG, _SWING_MPS = math.radians(60.0), math.radians(30.0), 0.2
 _STEER_RATE = 4.0
 """How fast the steering is expected to change the curvature, 1/(m s)."""
 
@@ -110,8 +121,9 @@ class Pursuit:
         self._piece = 0
         self._at_m = self._off_m = 0.0
         self._tries = self._t.tries
-        self._gear = 0
+        self._gear, self._way = 0, 1
         self._rotating = False
+        self._swing = 0.0
         self._yaw_held: float | None = None
         # what was commanded last
         self._speed = self._turn = self._curvature = 0.0
@@ -125,7 +137,9 @@ class Pursuit:
     def take_over(self, other: Pursuit) -> None:
         """Goes on from the velocity that ``other`` has commanded last."""
         self._speed, self._turn, self._curvature = other._speed, other._turn, other._curvature
-        self._direction, self._gear, self._yaw_held = other._direction, other._gear, other._yaw_held
+        self._direction, self._yaw_held = other._direction, other._yaw_held
+        self._way = other._way
+        self._gear = other._way if other._speed > 0.0 else 0
 
     def brake(self, dt_s: float, yaw_rad: float | None = None) -> Motion:
         """What to command in order to stop, on the arc that it is on; it can go on afterwards."""
@@ -251,17 +265,43 @@ class Pursuit:
             self._gear = 1 if abs(error) <= _GEAR_AT else -1
         if self._gear < 0:
             error = math.remainder(error + math.pi, math.tau)
+        most = 1.0 / self._t.turning_radius_m
+        if self._swing:
+            return self._swung(error, most, dt_s)
         if abs(error) > _GEAR_AT:
             # the path lies behind: stop (which takes the gear out) and go on the other way round
             return self.brake(dt_s)
-        most = 1.0 / self._t.turning_radius_m
+        if abs(error) > _SWING_AT and self._is_within_circle(error, math.hypot(cx - x_m, cy - y_m)):
+            gear, motion = self._gear, self.brake(dt_s)
+            if motion.still:
+                self._swing, self._gear = math.copysign(1.0, error), gear
+            return motion
         want = min(max(2.0 * math.sin(error) / math.hypot(cx - x_m, cy - y_m), -most), most)
         limit = self._limit(piece, left_m, want)
+        self._way = self._gear
         self._curvature = _toward(self._curvature, self._gear * want, _STEER_RATE * dt_s)
         if abs(self._curvature - self._gear * want) > 0.4 * most:
             limit = min(limit, self._t.crawl_mps)
         self._speed = _toward(self._speed, limit, self._accel * dt_s)
         return self._motion(None, self._gear * want)
+
+    def _is_within_circle(self, error: float, ahead_m: float) -> bool:
+        """Whether a point lies where the tightest turn towards it circles around it."""
+        r = self._t.turning_radius_m
+        return math.hypot(ahead_m * math.cos(error), ahead_m * abs(math.sin(error)) - r) < 0.95 * r
+
+    def _swung(self, error: float, most: float, dt_s: float) -> Motion:
+        """Back on the opposite lock, as in a three-point turn, until the path lies ahead."""
+        if abs(error) < _SWUNG or error * self._swing < 0.0:
+            gear, motion = self._gear, self.brake(dt_s)
+            self._gear = gear
+            if motion.still:
+                self._swing = 0.0
+            return motion
+        self._way = -self._gear
+        self._curvature = _toward(self._curvature, self._way * self._swing * most, _STEER_RATE * dt_s)
+        self._speed = _toward(self._speed, min(self.speed_mps, _SWING_MPS), self._accel * dt_s)
+        return self._motion(None, self._way * self._swing * most)
 
     def _mecanum(self, piece: Piece, x_m: float, y_m: float, yaw_rad: float, left_m: float, dt_s: float) -> Motion:
         if self._yaw_held is None:
@@ -289,6 +329,6 @@ class Pursuit:
             if self._speed == 0.0:
                 return STILL
             steer = self._curvature if curvature is None else curvature
-            forward = (self._gear or 1) * self._speed
+            forward = self._way * self._speed
             return Motion(forward, 0.0, forward * steer)
         return Motion(self._speed, 0.0, self._turn)
