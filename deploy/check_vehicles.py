@@ -78,24 +78,16 @@ def _row(name: str, checks: Sequence[tuple[str, SelfCheck]]) -> CheckRow:
     worst = max((Verdict(c.verdict) for _, c in checks), key=_ORDER.index)
     shown = [(vehicle, c) for vehicle, c in checks if Verdict(c.verdict) is worst]
     value, unit = (shown[0][1].value, shown[0][1].unit) if len(shown) == 1 else (None, "")
-    if worst is Verdict.PASS:
-        text = _common(shown)
-    else:
-        text = "; ".join(_sentence(vehicle, c) for vehicle, c in shown)
-        others = [(v, c) for v, c in checks if Verdict(c.verdict) is Verdict.WARN and worst is Verdict.FAIL]
-        text += "".join(f"; {_sentence(vehicle, c)}" for vehicle, c in others)
+    if worst is Verdict.FAIL:
+        shown += [(vehicle, c) for vehicle, c in checks if Verdict(c.verdict) is Verdict.WARN]
     # without a unit it is a count or a level, which the text tells better than a table that thinks of shares
-    return CheckRow(name, GROUP, worst, value if unit else None, unit, None, text)
+    return CheckRow(name, GROUP, worst, value if unit else None, unit, None, _words(shown))
 
 
-def _common(checks: Sequence[tuple[str, SelfCheck]]) -> str:
-    """Who passed and how; the same words once."""
+def _words(checks: Sequence[tuple[str, SelfCheck]]) -> str:
+    """Who shows what; the same words once."""
     words: dict[str, list[str]] = {}
     for vehicle, check in checks:
         words.setdefault(check.text, []).append(vehicle)
     named = {text: ", ".join(w for w in who if w != EVERYBODY) for text, who in words.items()}
     return "; ".join(f"{who}: {text}" if who else text for text, who in named.items())
-
-
-def _sentence(vehicle: str, check: SelfCheck) -> str:
-    return check.text if vehicle == EVERYBODY else f"{vehicle}: {check.text}"

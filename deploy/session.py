@@ -101,7 +101,7 @@ def make_checks(
     """
     errors = fleet.connect(display=display)
     by_hand: list[SelfCheck] = []
-    if not fleet.virtual:
+    if not fleet.virtual and mission.geo is None:
         by_hand = [SelfCheck(BY_HAND, "not run", "check --identify asks to move each vehicle, and watches its body")]
         if ask is not None and not errors:
             by_hand = identify_fleet(fleet, ask)
