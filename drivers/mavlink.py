@@ -359,6 +359,9 @@ class MavlinkUgv(MavlinkVehicle):
         return (own_m[0], own_m[1], 0.0)
 
 
+APART_M = 1e-6
+
+
 class TelemetryPoses:
     """The vehicles' own estimates as a source of poses, for missions outdoors.
 
@@ -375,6 +378,7 @@ class TelemetryPoses:
             raise DriverError(f"{', '.join(inside)}: no place on the globe; such vehicles need motion capture")
         self._vehicles = tuple(vehicles)
         self._read = dict.fromkeys((v.body for v in vehicles), -math.inf)
+        self._told: dict[str, Vec3] = {}
         self._connected = False
 
     def connect(self, deadline_s: float) -> None:
@@ -394,8 +398,21 @@ class TelemetryPoses:
             pose = vehicle.own_pose()
             if pose is not None and pose.stamp_s > self._read[pose.body]:
                 self._read[pose.body] = pose.stamp_s
-                found.append(pose)
+                found.append(self._told_apart(pose))
         return tuple(found)
+
+    def _told_apart(self, pose: Pose) -> Pose:
+        """``pose``, a micrometre beside the last one where they are equal.
+
+        Autopilots send positions in 1e-7 degrees, about a centimetre: a vehicle at rest repeats itself to the last bit.
+        Each message is a measurement of its own all the same, and not the sign of a frozen camera that it would be in
+        motion capture.
+        """
+        x, y, z = pose.position_m
+        if self._told.get(pose.body) == pose.position_m:
+            pose = replace(pose, position_m=(x, y, z + APART_M))
+        self._told[pose.body] = pose.position_m
+        return pose
 
     def close(self) -> None:
         """Stops reading; again does nothing."""
