@@ -59,7 +59,9 @@ class Driving:
         if path_m != self._asked:
             self._asked = path_m
             points = [at_m]
-            points += [p for p in path_m if math.dist(p, points[-1]) > 1e-6]
+            for point in path_m:
+                if math.dist(point, points[-1]) > 1e-6:
+                    points.append(point)
             # who stands on the first point has no way to it
             if len(points) > 2 and math.dist(points[0], points[1]) < 4 * ARRIVED_M:
                 del points[1]

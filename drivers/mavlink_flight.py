@@ -160,6 +160,7 @@ class Flight:
 
     def command(self, command: Command, seen: Seen) -> None:
         """Lets a command, within limits already, take effect; what makes no sense now changes nothing."""
+        self._keep_up(seen)
         match command:
             case Arm():
                 if not seen.armed and self._arming_s is None:

@@ -33,6 +33,7 @@ class Telemetry:
         charge_state: MAV_BATTERY_CHARGE_STATE.
         current_a: out of the battery; negative when charging; None where it is not measured.
         texts: newest status texts with receipt time and severity.
+        text_id: of the newest, which may go on.
         version: ``flight_sw_version`` of AUTOPILOT_VERSION.
         rebooted: its clock went backwards since the last look.
     """
@@ -66,6 +67,7 @@ class Telemetry:
     origin_known: bool = False
     boot_ms: int | None = None
     rebooted: bool = False
+    text_id: int = 0
     texts: deque[tuple[float, int, str]] = field(default_factory=lambda: deque(maxlen=20))
 
     def take(self, message: Any, now_s: float, frame: MavlinkFrame) -> None:
@@ -103,7 +105,7 @@ class Telemetry:
 
     def why(self, since_s: float) -> str:
         """Its own words since then, newest last; empty when it said nothing."""
-        said = [text for at_s, severity, text in self.texts if at_s >= since_s and severity <= w.WARNING]
+        said = [text.strip() for at_s, severity, text in self.texts if at_s >= since_s and severity <= w.WARNING]
         return "; ".join(dict.fromkeys(said[-3:]))
 
 
@@ -195,7 +197,14 @@ def _origin(t: Telemetry, m: Any, now_s: float, frame: MavlinkFrame) -> None:
 
 def _text(t: Telemetry, m: Any, now_s: float, frame: MavlinkFrame) -> None:
     text = m.text.decode("utf-8", "replace") if isinstance(m.text, bytes) else str(m.text)
-    t.texts.append((now_s, m.severity, text.strip("\0 ")))
+    text = text.rstrip("\0")
+    if m.id and m.chunk_seq and t.texts and t.text_id == m.id:
+        # long texts come in pieces
+        at_s, severity, before = t.texts.pop()
+        t.texts.append((at_s, severity, before + text))
+    else:
+        t.texts.append((now_s, m.severity, text))
+    t.text_id = m.id
 
 
 _HANDLERS = {

@@ -283,7 +283,7 @@ class MavlinkVehicle:
         self._parameter_tries = dict.fromkeys(self._dialect.parameters, (0, -math.inf))
         self._wanted_streams = [
             *self._streams,
-            Stream(*self._dialect.estimator, "slow"),
+            Stream(*self._dialect.estimator, "status"),
             Stream("AUTOPILOT_VERSION", w.AUTOPILOT_VERSION, "once"),
         ]
         if self._dialect.wants_origin and not self.outdoors:
