@@ -23,6 +23,8 @@ SMOOTH_S = 3.0
 """The curve is flat, 10 mV are some percent: noise has to be smoothed, and energy changes slowly."""
 SETTLE_S = 1.5
 """After the motors start or stop, the voltage says nothing for so long."""
+CHARGED = 2
+"""``pm.state``."""
 CHARGING_V = 0.05
 """A charger lifts the voltage by about that."""
 
@@ -78,6 +80,10 @@ class BatteryGauge:
         dt, self._before_s = now_s - self._before_s, now_s
         if self.share is not None and now_s - self._changed_s < SETTLE_S:
             return
-        share = interpolate(self.curve, volts + (self.sag_v if loaded else 0.0) - (CHARGING_V if charging else 0.0))
+        unloaded_v = volts + (self.sag_v if loaded else 0.0) - (CHARGING_V if charging else 0.0)
+        share = 1.0 if values.get("pm.state") == CHARGED else interpolate(self.curve, unloaded_v)
         f = 1.0 if self.share is None else min(1.0, dt / SMOOTH_S)
-        self.share = share if self.share is None else self.share + f * (share - self.share)
+        known = share if self.share is None else self.share
+        share = known + f * (share - known)
+        # what is being charged never gets emptier, whatever its voltage says; a charged one is full
+        self.share = max(share, known) if charging else share

@@ -30,9 +30,13 @@ ARM_EVERY_S = 0.3
 DOWN_M = 0.12
 """So near the ground after a landing is landed: an estimate is off by a few cm."""
 DOCK_MISSED = "dock missed"
-LANDED_S = 3.0
+LANDED_S = 3.5
+"""So long after ``flying`` ends, the firmware has left its state "landed" by a reset that disarms it: nobody may count
+on its motors before. And a request to disarm while ``flying`` is still set counts as a fall and locks it."""
 RISEN_M = 0.05
 TRIES = 8
+SLOW_CLOCK = 0.03
+"""A vehicle's clock was seen to run up to 3 % slow."""
 PATIENCE_S = 1.2
 """The end of a take-off or a leg is not worth a brake: its last second is slow."""
 
@@ -58,6 +62,9 @@ class Flight:
         self._docking: Docking | None = None
         self._final = False  # the motion under way ends with the motors off
         self._since_s = 0.0
+        self._flew_s = -math.inf
+        self._disarm = False
+        self._low_s: float | None = None  # when it was last seen low while it says that it flies
         self._landed_s = -math.inf
         self._start_z = 0.0
         self._lifting: tuple[float, float] | None = None
@@ -146,6 +153,8 @@ class Flight:
     def step(self, seen: Seen) -> list[Order]:
         """What to send now."""
         bits = seen.bits
+        if bits is not None and bits.flying:
+            self._flew_s = seen.now_s
         if bits is not None and self.phase is not Phase.STOPPED:
             if bits.locked or ((bits.tumbled or bits.crashed) and not bits.flying):
                 self.phase, self.allowed, self.goal = Phase.GROUND, False, None
@@ -174,9 +183,11 @@ class Flight:
     def _watch(self, bits: Bits, seen: Seen) -> None:
         """Notices a vehicle that flies without our doing, or no longer flies although it should."""
         position = seen.position_m
-        if self.phase is Phase.GROUND and bits.flying and seen.now_s - self._landed_s > LANDED_S:
+        if self.phase is Phase.GROUND and bits.flying:
             # the ground station has come back while it hovers: take it over where it is
-            if position is not None and position[2] > seen.ground_m + DOWN_M:
+            high = position is not None and position[2] > seen.ground_m + DOWN_M
+            self._low_s = seen.now_s if not high or self._low_s is None else self._low_s
+            if position is not None and seen.now_s - max(self._low_s, self._landed_s + LANDED_S) > 0.3:
                 self.phase, self.allowed, self.goal, self._yaw_rad = Phase.FLY, True, None, seen.yaw_rad
                 self._hover(position, seen.now_s)
             return
@@ -202,17 +213,23 @@ class Flight:
             return
         self.fault = None
         if self.phase is Phase.GROUND and not self.armed(seen.bits):
-            self.phase, self._since_s, self._ask_s = Phase.ARMING, seen.now_s, -math.inf
+            self.phase, self._since_s, self._ask_s, self._disarm = Phase.ARMING, seen.now_s, -math.inf, False
             self._arming(seen)
 
     def _arming(self, seen: Seen) -> None:
         assert seen.bits is not None
-        if seen.bits.armed and seen.bits.can_fly:
+        if seen.now_s - self._flew_s < LANDED_S:
+            self._since_s = seen.now_s
+        elif seen.bits.armed and seen.bits.can_fly:
             self.phase, self.allowed = Phase.GROUND, True
         elif seen.now_s - self._since_s > self.rules.arm_s:
             self.phase = Phase.GROUND
             self.fault = "not armed: it refuses; look at its console, level it and check its battery"
-        elif not seen.bits.auto_arm and seen.now_s - self._ask_s > ARM_EVERY_S:
+        else:
+            self._ask_to_arm(seen)
+
+    def _ask_to_arm(self, seen: Seen) -> None:
+        if seen.bits is not None and not seen.bits.auto_arm and seen.now_s - self._ask_s > ARM_EVERY_S:
             self._ask_s = seen.now_s
             self._orders.append(ArmOrder(True))
 
@@ -220,13 +237,17 @@ class Flight:
         # a vehicle disarms itself 30 s after arming without a flight: our gate goes with it
         if self.allowed and seen.bits is not None and not seen.bits.armed:
             self.allowed = False
+        if self._disarm and seen.bits is not None and seen.now_s - self._flew_s > LANDED_S:
+            self._disarm = seen.bits.armed
+            if self._disarm and seen.now_s - self._ask_s > ARM_EVERY_S:
+                self._ask_s = seen.now_s
+                self._orders.append(ArmOrder(False))
         if self.docked and seen.seen and seen.pad_m is not None and seen.position_m is not None:
             self.docked = math.dist(seen.position_m, seen.pad_m) < 0.3
 
     def _close_gate(self, seen: Seen) -> None:
-        self.allowed = False
-        if seen.bits is not None and not seen.bits.auto_arm:
-            self._orders.append(ArmOrder(False))
+        self.allowed, self._ask_s = False, -math.inf
+        self._disarm = seen.bits is not None and not seen.bits.auto_arm
 
     # --- motions
 
@@ -300,10 +321,11 @@ class Flight:
         return sp is None or sp.resting
 
     def _over(self, now_s: float) -> bool:
-        return self._segment is None or now_s >= self._segment.end_s
+        """Whether the motion under way has ended, in the firmware too, whose clock may run slow."""
+        return self._segment is None or now_s >= self._segment.end_s + SLOW_CLOCK * self._segment.duration_s
 
     def _next_leg(self, seen: Seen) -> None:
-        if self._pending is None or not (self._over(seen.now_s) or self._rests(seen.now_s)):
+        if self._pending is None or not self._over(seen.now_s):
             return
         here = self._here(seen).position_m
         self._leg = list(plan_leg(here, self._pending, self._speed_mps, self.rules.limits, self.rules.cruise))
@@ -405,6 +427,8 @@ class Flight:
         elif elapsed_s > 0.4 * self._segment.duration_s + 1.0:
             if self.armed(seen.bits):
                 self._lift(*self._lifting, seen)
+            elif isinstance(self.goal, Dock) and elapsed_s < self._segment.duration_s + 5.0:
+                self._ask_to_arm(seen)
             else:
                 self._down(seen)
                 self.fault = "it did not take off: it disarmed itself; arm it again"
@@ -414,7 +438,7 @@ class Flight:
         assert self._segment is not None
         sp = self._here(seen)
         if not self._final:
-            if self._over(seen.now_s) or sp.resting:
+            if sp.resting:
                 self._descend(seen.ground_m, self.goal.speed_mps, sp, seen.now_s)
             return
         position = seen.position_m
@@ -503,6 +527,5 @@ class Flight:
         if seen.bits.armed and seen.bits.can_fly:
             altitude = max(goal.abort_altitude_m, seen.position_m[2] + 2 * RISEN_M)
             self._lift(altitude, self.rules.limits.climb_mps, seen)
-        elif not seen.bits.auto_arm and seen.now_s - self._ask_s > ARM_EVERY_S:
-            self._ask_s = seen.now_s
-            self._orders.append(ArmOrder(True))
+        else:
+            self._ask_to_arm(seen)

@@ -24,7 +24,8 @@ PEAK_BRAKING = 1.875
 """Braking from speed v within T seconds decelerates with up to 1.875 v / T (the steepest slope of a smootherstep)."""
 SHORTEST_S = 0.3
 """No segment is shorter: the firmware's planner runs at 100 Hz and the attitude needs time to follow."""
-AT_REST_MPS = 0.02
+AT_REST_MPS, AT_REST_MPS2 = 1e-3, 1e-2
+"""What is left of speed and acceleration swings out over the whole next motion: 0.1 m/s^2 is half a metre in 10 s."""
 
 _ENDS = np.linalg.inv(np.array([[1, 1, 1, 1], [4, 5, 6, 7], [12, 20, 30, 42], [24, 60, 120, 210]], dtype=float))
 _POWERS = np.arange(8)
@@ -46,7 +47,7 @@ class SetPoint:
     @property
     def resting(self) -> bool:
         """Whether it neither moves nor is about to."""
-        return self.speed_mps < AT_REST_MPS and math.hypot(*self.acceleration_mps2) < 10 * AT_REST_MPS
+        return self.speed_mps < AT_REST_MPS and math.hypot(*self.acceleration_mps2) < AT_REST_MPS2
 
 
 @dataclass(frozen=True, slots=True)

@@ -277,6 +277,20 @@ def test_a_new_target_in_flight_brakes_first(vehicle: Vehicle) -> None:
     assert max(steps) < 1.25 * LIMITS.accel_mps2
 
 
+@pytest.mark.parametrize("early_m", [0.01, 0.05, 0.1, 0.3])
+def test_a_leg_out_of_a_take_off_is_level(vehicle: Vehicle, early_m: float) -> None:
+    vehicle.send(Arm("uav0"))
+    vehicle.until(lambda: vehicle.flight.armed(vehicle.seen().bits))
+    vehicle.send(TakeOff("uav0", 1.0, 0.7))
+    vehicle.until(lambda: vehicle.position[2] > 1.0 - early_m)
+    vehicle.send(GoTo("uav0", (2.0, 0.0, 1.0), 0.2))
+    lowest = 1.0 - early_m - 0.01
+    while math.dist(vehicle.position, (2.0, 0.0, 1.0)) > 0.01:
+        vehicle.run(0.1)
+        assert lowest < vehicle.position[2] < 1.01
+        assert vehicle.now_s < 40.0
+
+
 def test_land_out_of_a_flight_stops_first_and_may_be_taken_back(vehicle: Vehicle) -> None:
     vehicle.fly()
     vehicle.send(GoTo("uav0", (2.0, 0.0, 1.0), 0.5))
@@ -385,10 +399,36 @@ def test_one_that_hovers_already_is_taken_over() -> None:
     v = Vehicle()
     v.position, v.flying = (0.0, 0.0, 1.0), True
     v.segment = Segment(SetPoint(v.position), v.position, 0.01, -1.0)
-    v.run(0.1)
+    v.run(0.5)
     assert v.flight.phase is Phase.FLY
     v.send(Land("uav0", 0.5))
     v.until(lambda: v.flight.phase is Phase.GROUND)
+
+
+def test_no_request_to_disarm_while_it_says_that_it_flies() -> None:
+    v = Vehicle(brushed=False)
+    v.fly()
+    v.send(Land("uav0", 0.5))
+    v.until(lambda: v.flight.phase is Phase.GROUND)
+    v.flying = True  # as the firmware says for two more seconds
+    v.send(Disarm("uav0"))
+    v.run(2.0)
+    v.flying = False
+    v.run(3.0)
+    assert ArmOrder(False) not in v.orders
+    v.run(1.0)
+    assert ArmOrder(False) in v.orders
+    assert not v.armed
+
+
+def test_arming_waits_until_the_firmware_has_got_over_the_landing(vehicle: Vehicle) -> None:
+    vehicle.fly()
+    vehicle.send(Land("uav0", 0.5))
+    vehicle.until(lambda: vehicle.flight.phase is Phase.GROUND)
+    vehicle.send(Arm("uav0"))
+    took = vehicle.until(lambda: vehicle.flight.armed(vehicle.seen().bits))
+    assert took > 3.0
+    assert vehicle.flight.fault is None
 
 
 def test_one_that_stops_flying_says_so(vehicle: Vehicle) -> None:

@@ -114,6 +114,16 @@ def test_the_gauge_follows_slowly_and_knows_the_charger() -> None:
     assert gauge.share == pytest.approx(0.54)
 
 
+def test_what_is_charged_never_gets_emptier() -> None:
+    gauge = BatteryGauge(LIPO_CURVE, 0.25)
+    gauge.put(0.0, {"pm.vbat": 4.2}, False, False)
+    gauge.put(3.0, {"pm.vbat": 4.15, "pm.state": 1}, False, True)
+    assert gauge.share == 1.0
+    gauge.put(4.0, {"pm.vbat": 4.10, "pm.state": 0}, False, False)
+    gauge.put(60.0, {"pm.vbat": 4.10, "pm.state": 2}, False, True)
+    assert gauge.share == 1.0, "its charger says so"
+
+
 def test_a_level_alone_is_taken_as_it_is() -> None:
     gauge = BatteryGauge(LIPO_CURVE, 0.25)
     gauge.put(0.0, {}, False, False)
