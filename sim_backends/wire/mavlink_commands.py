@@ -133,6 +133,8 @@ class Commands:
             case mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
                 return ACCEPTED if self._streams.set_interval(whole(p[0]), p[1]) else DENIED
             case mavlink.MAV_CMD_GET_MESSAGE_INTERVAL:
+                if not 0 <= whole(p[0]) <= 0xFFFF:
+                    return DENIED
                 interval = self._streams.interval_us(whole(p[0]))
                 self._send(mavlink.MAVLink_message_interval_message(whole(p[0]), interval))
                 return ACCEPTED

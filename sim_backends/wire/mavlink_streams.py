@@ -279,7 +279,7 @@ class Streams:
         """What is to be sent now."""
         found = []
         for message, interval_s in self._interval.items():
-            at_s = self._due.get(message, -math.inf)
+            at_s = self._due.get(message, now_s)
             if now_s >= at_s:
                 found.append(message)
                 # no catching up after a pause
