@@ -15,7 +15,7 @@ from sim_backends.wire.crazyflie_control import GRAVITY, Drive
 from sim_backends.wire.crazyflie_dynamics import Dynamics
 from sim_backends.wire.crazyflie_planner import wrap
 from sim_backends.wire.physics import Ground, UavBattery, ground_under
-from sim_backends.wire.world import BATTERY_EMPTY, FINE, MOTOR_FAILURE, Body, Modifiers, World
+from sim_backends.wire.world import BATTERY_EMPTY, DOCK_MISSED, FINE, MOTOR_FAILURE, Body, Modifiers, World
 
 CRASH_MPS = 2.0
 """It survives an impact up to this speed, a fall from 0.2 m."""
@@ -203,6 +203,8 @@ class CrazyflieBody:
             self._world.dock_missed(self._row)
             self.ground = Ground(self.ground.height_m, self.ground.ugv, self.ground.dock, False)
             self._slide_m = 1.3 * self._world.config.dock_tolerance_m
+        if self.ground.ugv >= 0 and not self.ground.contact and self.code == FINE:
+            self.code = DOCK_MISSED
         self._stand()
 
     def _on_ugv(self) -> tuple[float, float, float]:

@@ -185,7 +185,11 @@ class Supervisor:
             self.armed = True
 
     def info(self, phase: Phase, finished: bool) -> int:
-        """The state bits, with those of the high-level commander where this firmware has them."""
+        """The state bits, with those of the high-level commander where this firmware has them.
+
+        ``HL_DISABLED`` and ``DECK_FAULT`` are never set: a low-level set-point stops the planner here, as in
+        ``commander.c``, instead of disabling it, and there are no decks.
+        """
         bits = CAN_BE_ARMED if self.state is State.CHECKS_PASSED else 0
         bits |= ARMED if self.armed else 0
         bits |= AUTO_ARM if self._auto_arm else 0

@@ -15,7 +15,7 @@ from sim_backends.wire.crazyflie_body import quaternion
 from sim_backends.wire.crazyflie_firmware import STEP_S, CrazyflieKind, Firmware
 from sim_backends.wire.crazyflie_supervisor import ARMED, CAN_FLY, CRASHED, FLYING, LOCKED, TUMBLED
 from sim_backends.wire.crtp_packets import Packet, Port
-from sim_backends.wire.world import BATTERY_EMPTY, MOTOR_FAILURE, STOPPED, Body, World, yaw_quaternion
+from sim_backends.wire.world import BATTERY_EMPTY, DOCK_MISSED, MOTOR_FAILURE, STOPPED, Body, World, yaw_quaternion
 from sim_backends.world import SimUav, SimUgv, WorldConfig
 
 PAD_M = 0.25
@@ -385,7 +385,7 @@ def test_charges_on_a_pad_and_flies_again(tmp_path: Path) -> None:
 def test_beside_the_contact_it_does_not_charge(rig: Rig) -> None:
     dock(rig, 0.1)
     row = rig.row()
-    assert (row.on, row.charging, row.airborne) == (1, False, False)
+    assert (row.on, row.charging, row.airborne, row.code) == (1, False, False, DOCK_MISSED)
     assert rig.firmware.power.state == 0
 
 
