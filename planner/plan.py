@@ -120,6 +120,13 @@ class Plan:
         return self.schedule.makespan_s
 
     @property
+    def gap(self) -> float | None:
+        """Share of the makespan that is not proven to be needed; 0 is optimal, None where no bound is known."""
+        if self.lower_bound_s is None or not self.feasible:
+            return None
+        return max(0.0, self.makespan_s - self.lower_bound_s) / max(self.makespan_s, 1e-9)
+
+    @property
     def digest(self) -> str:
         """SHA-256 of the actions; check results are bound to it."""
         return hashlib.sha256(json.dumps(actions_to_json(self.actions)).encode()).hexdigest()

@@ -76,7 +76,7 @@ class Method(Protocol):
         ...
 
 
-METHODS = ("search",)
+METHODS = ("search", "milp")
 
 
 def _method(name: str) -> Method:
@@ -85,4 +85,8 @@ def _method(name: str) -> Method:
         from planner.search import search  # noqa: PLC0415
 
         return search
+    if name == "milp":
+        from planner.milp import milp  # noqa: PLC0415
+
+        return milp
     raise PlannerError(f"method {name!r} does not exist; there are {', '.join(METHODS)}")
