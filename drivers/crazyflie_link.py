@@ -7,6 +7,7 @@ is not started. Its ``close_link`` sends a zero set-point that outranks the high
 
 from __future__ import annotations
 
+import logging
 import math
 import struct
 import threading
@@ -40,9 +41,12 @@ _init_lock = threading.Lock()
 
 def _new_crazyflie(cache: Path) -> Cf:
     with _init_lock:  # importing and registering drivers is not safe in several threads at once
-        import cflib.crtp  # noqa: PLC0415  slow to import; needed only where a Crazyflie flies
-        from cflib.crazyflie import Crazyflie  # noqa: PLC0415
+        with warnings.catch_warnings():  # cflib turns on everybody's deprecation warnings when it is imported
+            import cflib.crtp  # noqa: PLC0415  slow to import; needed only where a Crazyflie flies
+            from cflib.crazyflie import Crazyflie  # noqa: PLC0415
 
+        # what cflib logs without being asked (tracebacks among it) comes back here as errors of the link
+        logging.getLogger("cflib").addHandler(logging.NullHandler())
         if not cflib.crtp.CLASSES:
             cflib.crtp.init_drivers()
     cf = Crazyflie(rw_cache=str(cache))
