@@ -28,6 +28,7 @@ from drivers.limo_status import LimoStatus, decode
 from drivers.limo_typesupport import status_type
 
 POLL_S = 0.02
+LEAVE_S = 2.0
 # what arrives: the newest only, from reliable and best-effort publishers alike
 _READ: Any = cast(Any, QoSProfile)(depth=1, reliability=QoSReliabilityPolicy.BEST_EFFORT)
 _WRITE: Any = cast(Any, QoSProfile)(depth=1, reliability=QoSReliabilityPolicy.RELIABLE)
@@ -123,6 +124,12 @@ class RosRobot:
     def close(self) -> None:
         """Leaves the domain; the last robot there takes its node and thread with it."""
         self._domain.remove(self)
+        # Fast DDS may hang when a peer leaves at the same moment; whoever closes must not hang with it
+        leaving = threading.Thread(target=self._destroy, name="ros-leaving", daemon=True)
+        leaving.start()
+        leaving.join(LEAVE_S)
+
+    def _destroy(self) -> None:
         node = self._domain.node
         with contextlib.suppress(Exception):
             node.destroy_publisher(self._publisher)

@@ -33,6 +33,7 @@ STEP_S = 0.01
 ODOM_EVERY, IMU_EVERY, STATUS_EVERY = 2, 2, 10
 """Steps between messages: 50 Hz, 50 Hz and 10 Hz."""
 PARENT_S = 0.5
+LEAVE_S = 0.5
 LEAP_S = 0.25
 """A process that was stopped for longer than this does not drive the whole way at once."""
 
@@ -210,10 +211,15 @@ class LimoNode:
         return faults.loss <= 0.0 or self._random.random() >= faults.loss
 
     def close(self) -> None:
-        """Leaves the domain."""
+        """Leaves the domain; gives up after ``LEAVE_S``, since Fast DDS may hang when a peer leaves too."""
+        leaving = threading.Thread(target=self._leave, daemon=True)
+        leaving.start()
+        leaving.join(LEAVE_S)
+
+    def _leave(self) -> None:
         with contextlib.suppress(Exception):
             self._node.destroy_node()  # type: ignore[no-untyped-call]
-        self._context.try_shutdown()
+            self._context.try_shutdown()
 
 
 def serve(
@@ -301,4 +307,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    code = main()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)  # without the libraries' own farewells, which may take longer than a second

@@ -1,0 +1,354 @@
+"""The Limo driver over ROS 2: what it sends and when, what it notices, what it says when something is missing."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+import rclpy
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+
+from drivers import limo_ros
+from drivers.clock import RealClock
+from drivers.errors import DriverError
+from drivers.limits import PoseBook, UgvLimits
+from drivers.limo import Limo, LimoOptions
+from drivers.pursuit import Mode
+from drivers.vehicle import Arm, Disarm, Drive, Hold, Pose, StopMotors, Vec2
+from sim_backends.wire.world import Modifiers, World
+from tests.drivers.limo_wire import DOMAIN, Process, TruePoses, lab, namespace, start, until
+
+pytestmark = pytest.mark.wire
+
+LIMITS = UgvLimits(max_speed_mps=0.5, accel_mps2=1.0)
+
+
+def limo(vehicle: str, names: str, **options: object) -> Limo:
+    made = LimoOptions(domain=DOMAIN, **options)  # type: ignore[arg-type]
+    clock = RealClock()
+    return Limo(vehicle, names, body=f"{vehicle}-body", limits=LIMITS, book=PoseBook(), clock=clock, options=made)
+
+
+class Robot:
+    """Any ROS 2 robot: hears ``cmd_vel`` and tells ``odom``, at 50 Hz, in a thread; notes every Twist with its time."""
+
+    def __init__(self, names: str) -> None:
+        self.heard: list[tuple[float, float, float, float]] = []
+        self._context = Context()
+        self._context.init(args=[], domain_id=DOMAIN)
+        self._node = rclpy.create_node("robot", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._node.create_subscription(Twist, f"{names}/cmd_vel", self._hear, 10)
+        odom = self._node.create_publisher(Odometry, f"{names}/odom", 10)
+        self._node.create_timer(0.02, lambda: odom.publish(Odometry()))
+        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
+        self._thread.start()
+
+    def _hear(self, twist: Twist) -> None:
+        self.heard.append((time.monotonic(), twist.linear.x, twist.linear.y, twist.angular.z))
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self._thread.join(2.0)
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+
+@pytest.fixture
+def robot() -> Iterator[Robot]:
+    robot = Robot(namespace("any"))
+    yield robot
+    robot.close()
+
+
+@dataclass
+class Team:
+    """Simulated Limos, their drivers, and a loop that feeds poses at 50 Hz in a thread."""
+
+    world: World
+    nodes: list[Process]
+    limos: list[Limo]
+    poses: TruePoses
+
+    def feed(self) -> None:
+        for pose in self.poses.read():
+            row = [g.body for g in self.world.config.ugvs].index(pose.body)
+            self.limos[row].feed_pose(Pose(f"ugv{row}-body", pose.position_m, pose.yaw_rad, pose.stamp_s))
+
+    def run(self, for_s: float) -> None:
+        end_s = time.monotonic() + for_s
+        while time.monotonic() < end_s:
+            self.feed()
+            time.sleep(0.02)
+
+    def run_until(self, condition: Callable[[], bool], timeout_s: float = 20.0) -> float:
+        start_s = time.monotonic()
+        while not condition():
+            assert time.monotonic() - start_s < timeout_s, "it did not happen in time"
+            self.run(0.02)
+        return time.monotonic() - start_s
+
+    def at(self, row: int = 0) -> Vec2:
+        x, y, _ = self.world.body(row).position_m
+        return (float(x), float(y))
+
+    def modify(self, row: int = 0, **faults: float | bool) -> None:
+        self.world.modify(row, Modifiers(swap=row, **faults))  # type: ignore[arg-type]
+
+    def drive(self, path: tuple[Vec2, ...], row: int = 0) -> None:
+        ugv = f"ugv{row}"
+        self.limos[row].send(Arm(ugv))
+        self.limos[row].send(Drive(ugv, path, 0.4))
+
+
+def team(folder: Path, mode: Mode, name: str, ugvs: int = 1, **options: object) -> Team:
+    world = World.create(folder, lab(ugvs))
+    names = [namespace(f"{name}{k}") for k in range(ugvs)]
+    nodes = [
+        start("--world", str(folder), "--vehicle", f"ugv{k}", "--namespace", names[k], "--mode", mode)
+        for k in range(ugvs)
+    ]
+    clock = RealClock()
+    limos = [
+        Limo(
+            f"ugv{k}", names[k], body=f"ugv{k}-body", limits=LIMITS, book=PoseBook(), clock=clock,
+            options=LimoOptions(domain=DOMAIN, **{"mode": mode, **options}),  # type: ignore[arg-type]
+        )
+        for k in range(ugvs)
+    ]  # fmt: skip
+    for one in limos:
+        one.connect(clock.now() + 15.0)
+    return Team(world, nodes, limos, TruePoses(world, clock))
+
+
+@pytest.fixture
+def ackermann(tmp_path: Path) -> Iterator[Team]:
+    made = team(tmp_path, "ackermann", "acker")
+    yield made
+    close(made)
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Team]:
+    made = team(tmp_path_factory.mktemp("pair"), "differential", "pair", 2)
+    yield made
+    close(made)
+
+
+def close(made: Team) -> None:
+    for one in made.limos:
+        one.close()
+    for node in made.nodes:
+        node.end()
+
+
+def test_drives_any_robot_at_20_hz_stops_explicitly_and_is_silent_when_idle(robot: Robot) -> None:
+    driver, clock = limo("ugv0", namespace("any"), status=False), RealClock()
+    driver.connect(clock.now() + 15.0)
+    now = driver._clock.now
+    time.sleep(0.3)
+    assert not robot.heard, "nothing before it is told to"
+    driver.send(Arm("ugv0"))
+    driver.send(Drive("ugv0", ((0.0, 0.0), (5.0, 0.0)), 0.4))
+    begin_s = time.monotonic()
+    x = 0.0
+    while time.monotonic() - begin_s < 2.0:
+        x += 0.02 * 0.4
+        driver.feed_pose(Pose("ugv0-body", (x, 0.0, 0.0), 0.0, now()))
+        time.sleep(0.02)
+    active = len(robot.heard)
+    assert 30 <= active <= 45, "20 Hz"
+    assert robot.heard[-1][1] == pytest.approx(0.4, abs=0.01)
+    assert driver.state().battery is None
+    assert driver.state().fault is None
+    checks = {c.name: c.verdict for c in driver.self_checks()}
+    assert checks["commands"] == checks["telemetry"] == "pass"
+    assert checks["mode"] == checks["battery"] == "not run"
+    driver.send(Hold("ugv0"))
+    until(lambda: robot.heard[-1][1] == 0.0, 2.0)
+    time.sleep(1.0)
+    zeros = [h for h in robot.heard if h[1] == 0.0]
+    assert len(zeros) >= 5, "it says so several times"
+    quiet = len(robot.heard)
+    time.sleep(0.5)
+    assert len(robot.heard) == quiet
+    driver.send(StopMotors("ugv0"))
+    until(lambda: len(robot.heard) > quiet, 1.0)
+    driver.close()
+
+
+def test_stops_on_stale_poses_and_goes_on_with_fresh_ones(robot: Robot) -> None:
+    driver = limo("ugv0", namespace("any"), status=False, pose_stale_s=0.3)
+    driver.connect(driver._clock.now() + 15.0)
+    driver.send(Arm("ugv0"))
+    driver.send(Drive("ugv0", ((0.0, 0.0), (5.0, 0.0)), 0.4))
+    for _ in range(40):
+        driver.feed_pose(Pose("ugv0-body", (1.0, 0.0, 0.0), 0.0, driver._clock.now()))
+        time.sleep(0.02)
+    assert robot.heard[-1][1] > 0.3
+    last_s = time.monotonic()
+    until(lambda: robot.heard[-1][1] == 0.0, 2.0)
+    assert 0.25 < time.monotonic() - last_s < 1.2, "0.3 s, and 0.4 s of braking"
+    assert driver.state().fault == "waiting for poses"
+    driver.feed_pose(Pose("ugv0-body", (1.0, 0.0, 0.0), 0.0, driver._clock.now()))
+    until(lambda: robot.heard[-1][1] > 0.0, 1.0)
+    driver.send(Disarm("ugv0"))
+    until(lambda: robot.heard[-1][1] == 0.0, 1.0)
+    driver.close()
+
+
+def test_closing_stops_it(robot: Robot) -> None:
+    domains = dict(limo_ros._domains)
+    driver = limo("ugv0", namespace("any"), status=False)
+    driver.connect(driver._clock.now() + 15.0)
+    driver.send(Arm("ugv0"))
+    driver.send(Drive("ugv0", ((0.0, 0.0), (5.0, 0.0)), 0.4))
+    driver.feed_pose(Pose("ugv0-body", (0.0, 0.0, 0.0), 0.0, driver._clock.now()))
+    until(lambda: bool(robot.heard) and robot.heard[-1][1] > 0.1, 2.0)
+    driver.close()
+    until(lambda: robot.heard[-1][1:] == (0.0, 0.0, 0.0), 1.0)
+    assert limo_ros._domains == domains, "and the domain is left"
+
+
+def test_two_limos_in_one_domain_drive_their_own_ways(pair: Team) -> None:
+    assert len(limo_ros._domains) == 1
+    assert [t.name for t in threading.enumerate()].count(f"ros-domain-{DOMAIN}") == 1
+    ends = ((0.8, 0.3), (0.5, 1.6))
+    pair.drive(((0.0, 0.0), (0.8, 0.0), ends[0]), 0)
+    pair.drive(((0.0, 2.0), (0.5, 2.0), ends[1]), 1)
+    pair.run_until(lambda: all(math.dist(pair.at(k), ends[k]) < 0.04 for k in (0, 1)))
+    for k in (0, 1):
+        state = pair.limos[k].state()
+        assert (state.link, state.fault) == (True, None)
+        assert state.battery is not None
+        assert 0.8 < state.battery <= 1.0
+        assert {c.verdict for c in pair.limos[k].self_checks()} == {"pass"}
+
+
+def test_stalled_it_keeps_trying_and_goes_on(pair: Team) -> None:
+    pair.modify(0, slow=0.0)
+    x, y = pair.at()
+    pair.drive(((x, y), (x + 0.4, y)))
+    pair.run(1.5)
+    assert math.dist(pair.at(), (x, y)) < 0.02
+    pair.modify(0)
+    pair.run_until(lambda: math.dist(pair.at(), (x + 0.4, y)) < 0.04)
+
+
+def test_silence_shows_in_the_link_while_it_hears_on(pair: Team) -> None:
+    x, y = pair.at(1)
+    pair.modify(1, silent=True)
+    took_s = pair.run_until(lambda: not pair.limos[1].state().link, 3.0)
+    assert 0.8 < took_s < 1.5
+    pair.drive(((x, y), (x + 0.3, y)), 1)
+    pair.run_until(lambda: math.dist(pair.at(1), (x + 0.3, y)) < 0.04)
+    assert pair.limos[0].state().link
+    pair.modify(1)
+    pair.run_until(lambda: pair.limos[1].state().link, 2.0)
+
+
+def test_drives_through_a_link_that_loses_30_percent(pair: Team) -> None:
+    x, y = pair.at()
+    pair.modify(0, loss=0.3)
+    pair.drive(((x, y), (x + 0.5, y)))
+    pair.run_until(lambda: math.dist(pair.at(), (x + 0.5, y)) < 0.05)
+    assert pair.limos[0].state().link
+    pair.modify(0)
+
+
+def test_a_failed_motor_is_told(pair: Team) -> None:
+    pair.modify(0, motor_fail=True)
+    pair.run_until(lambda: "motor driver 1" in (pair.limos[0].state().fault or ""), 2.0)
+    assert {c.name: c.verdict for c in pair.limos[0].self_checks()}["errors"] == "fail"
+    pair.modify(0)
+    pair.run_until(lambda: pair.limos[0].state().fault is None, 2.0)
+
+
+def test_a_new_path_on_the_way_takes_over(pair: Team) -> None:
+    x, y = pair.at()
+    pair.drive(((x, y), (x + 2.0, y)))
+    pair.run_until(lambda: pair.at()[0] > x + 0.3)
+    before = pair.at()
+    pair.drive((before, (before[0] + 0.3, y), (before[0] + 0.3, y - 0.3)))
+    pair.run_until(lambda: math.dist(pair.at(), (before[0] + 0.3, y - 0.3)) < 0.04)
+
+
+def test_killed_it_is_noticed_and_found_again(pair: Team, tmp_path: Path) -> None:
+    driver = pair.limos[1]
+    pair.nodes[1].popen.kill()
+    took_s = pair.run_until(lambda: not driver.state().link, 3.0)
+    assert took_s < 1.5
+    driver.send(StopMotors("ugv1"))
+    assert driver.state().locked
+    names = namespace("pair1")
+    pair.nodes[1] = start("--world", str(pair.world.folder), "--vehicle", "ugv1", "--namespace", names)
+    driver.connect(driver._clock.now() + 15.0)
+    assert driver.state().link
+    assert not driver.state().locked, "connected anew"
+    x, y = pair.at(1)
+    pair.drive(((x, y), (x + 0.2, y)), 1)
+    pair.run_until(lambda: math.dist(pair.at(1), (x + 0.2, y)) < 0.04)
+
+
+def test_steered_wheels_stop_within_their_limits(ackermann: Team) -> None:
+    end = (1.0, 0.6)
+    ackermann.drive(((0.0, 0.0), (1.0, 0.0), end))
+    ackermann.run_until(lambda: math.dist(ackermann.at(), end) < 0.05)
+    x, y = ackermann.at()
+    ackermann.drive(((x, y), (x, y + 2.0)))
+    ackermann.run_until(lambda: ackermann.at()[1] > y + 0.4)
+    moving = ackermann.at()
+    ackermann.limos[0].send(StopMotors("ugv0"))
+    # a Twist of zeros would be lost here, and the firmware drive on for half a second: 0.2 m more
+    took_s = ackermann.run_until(lambda: ackermann.world.body(0).speed_mps == 0.0, 3.0)
+    assert took_s < 0.65
+    assert math.dist(ackermann.at(), moving) < 0.16
+
+
+def test_a_mode_other_than_planned_is_a_failed_check(ackermann: Team) -> None:
+    wrong = Limo(
+        "ugv0", namespace("acker0"), body="b", limits=LIMITS, book=PoseBook(), clock=RealClock(),
+        options=LimoOptions(domain=DOMAIN, mode="mecanum"),
+    )  # fmt: skip
+    wrong.connect(wrong._clock.now() + 15.0)
+    check = {c.name: c for c in wrong.self_checks()}["mode"]
+    assert check.verdict == "fail"
+    assert "ackermann" in check.text
+    assert "another motion mode" in (wrong.state().fault or "")
+    wrong.close()
+
+
+def test_what_is_missing_is_named_in_time(robot: Robot) -> None:
+    nowhere = limo("ugv7", namespace("nowhere"))
+    with pytest.raises(DriverError, match=rf"ugv7: no publisher on {namespace('nowhere')}/odom in ROS domain {DOMAIN}"):
+        nowhere.connect(nowhere._clock.now() + 1.0)
+    assert nowhere._clock.now() < 3.0
+    assert not nowhere.state().link
+    with pytest.raises(DriverError, match="ugv7"):
+        nowhere.send(Arm("ugv7"))
+    other = limo("ugv0", namespace("any"))
+    with pytest.raises(DriverError, match=r"no publisher on /any_\d+/limo_status.*status: false"):
+        other.connect(other._clock.now() + 2.0)
+    typing_error = limo("ugv0", namespace("ani"))
+    with pytest.raises(DriverError, match=r"there is .*/any_\d+/odom"):
+        typing_error.connect(typing_error._clock.now() + 2.0)
+
+
+def test_unsound_settings_are_one_clear_error() -> None:
+    with pytest.raises(DriverError, match="domain is 300"):
+        LimoOptions(domain=300)
+    with pytest.raises(DriverError, match="mode is 'tank'"):
+        LimoOptions(mode="tank")  # type: ignore[arg-type]
+    with pytest.raises(DriverError, match="pose_stale_s"):
+        LimoOptions(pose_stale_s=0.0)
+    with pytest.raises(DriverError, match="ugv0: 'a b' is no ROS namespace"):
+        limo("ugv0", "a b")
