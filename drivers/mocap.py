@@ -25,6 +25,8 @@ __all__ = ["Mocap", "MocapOptions"]
 
 _KEPT_S = 5.0
 """Frames of so long are kept for the checks."""
+_START_S = 15.0
+"""A child that has not loaded the vendor's library by then is replaced; 0.2 s on an idle computer."""
 
 _REMEDY = {
     "mock": "check mock_bodies",
@@ -167,13 +169,15 @@ class Mocap:
                 with self._changed:
                     child, self._child = self._child, None
                 child.close()
-                pause_s = options.retry_s if lived else min(2 * pause_s, options.retry_max_s)
+                if lived:
+                    pause_s = options.retry_s
             self._closing.wait(pause_s)
+            pause_s = min(2 * pause_s, options.retry_max_s)
 
     def _hear(self, child: MocapProcess) -> bool:
         """Hears one child until it ends, hangs or falls silent; whether a frame came from it."""
         options = self._options
-        limit_s, answered, lived = time.monotonic() + options.attempt_s, False, False
+        limit_s, answered, lived = time.monotonic() + _START_S, False, False
         while not self._closing.is_set():
             messages = child.receive(min(limit_s - time.monotonic(), 0.5))
             if messages is None:
@@ -185,6 +189,8 @@ class Mocap:
                     if self._take(message) or options.type != "vrpn":
                         lived = True
                         limit_s = time.monotonic() + options.silence_s
+                elif message[:1] == mocap_child.STARTED:
+                    limit_s = time.monotonic() + options.attempt_s
                 elif message[:1] == mocap_child.CONNECTED:
                     answered = True
                     limit_s = time.monotonic() + options.silence_s

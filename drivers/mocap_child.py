@@ -3,6 +3,7 @@
 It is run as a file of its own, imports nothing of ours, and is the only one that imports ``motioncapture``. Its parent
 kills it whenever it likes. Over a socket it sends one message per event, the first byte says which:
 
+* ``S``: started, about to connect.
 * ``C``: connected.
 * ``E``: why it cannot go on, as text; then it ends.
 * ``F``: a frame: time of receipt (``time.monotonic()``, which all processes share), number of bodies, and per body its
@@ -22,7 +23,7 @@ import sys
 import time
 from collections.abc import Iterable
 
-CONNECTED, ERROR, FRAME = b"C", b"E", b"F"
+STARTED, CONNECTED, ERROR, FRAME = b"S", b"C", b"E", b"F"
 BODY = struct.Struct("<7f")
 HEAD = struct.Struct("<dH")
 
@@ -65,7 +66,9 @@ def _end_with_parent(parent: int) -> None:
 
 def _stream(link: socket.socket, kind: str, settings: dict[str, str]) -> None:
     import motioncapture  # noqa: PLC0415  # slow, and only here
+    import numpy as np  # noqa: F401, PLC0415  # positions need it; loaded at the first frame, it would delay that
 
+    link.send(STARTED)
     if kind == "optitrack":  # its client takes numbers only
         host = settings["hostname"]
         try:

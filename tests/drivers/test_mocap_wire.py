@@ -289,21 +289,23 @@ def test_a_silent_host_is_an_error_at_the_deadline_and_the_program_lives_on() ->
         while not stop.wait(0.005):
             turns.append(time.monotonic())
 
-    worker = threading.Thread(target=work)
+    worker = threading.Thread(target=work, daemon=True)
     worker.start()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
         silent.bind(("127.0.0.1", 0))
-        mocap = Mocap(MocapOptions("optitrack", "127.0.0.1", silent.getsockname()[1], attempt_s=0.8), ["a"], clock)
-        text, took_s = failure(mocap, clock, 2.5)
+        mocap = Mocap(MocapOptions("optitrack", "127.0.0.1", silent.getsockname()[1], attempt_s=0.5), ["a"], clock)
+        try:
+            text, took_s = failure(mocap, clock, 4.0)
+        finally:
+            stop.set()
+            worker.join()
         silent.setblocking(False)
         asked = [silent.recv(100) for _ in range(2)]
-    stop.set()
-    worker.join()
     assert "motion capture (optitrack at 127.0.0.1:" in text
-    assert "no answer within 2.5 s; check that Motive streams" in text
-    assert took_s == pytest.approx(2.5, abs=0.3)
+    assert "no answer within 4.0 s; check that Motive streams" in text
+    assert took_s == pytest.approx(4.0, abs=0.5)
     assert asked == [b"\0\0\0\0"] * 2  # it tried again: a lost datagram is no verdict
-    assert max(b - a for a, b in itertools.pairwise(turns)) < 0.5
+    assert max(b - a for a, b in itertools.pairwise(turns)) < 1.0
 
 
 def test_a_host_that_does_not_exist_is_an_error() -> None:
@@ -328,7 +330,7 @@ def test_nobody_there_is_an_error_for_every_type(kind: str) -> None:
         text, took_s = failure(mocap, clock, 2.0)
     assert text.startswith(f"motion capture ({kind} at 127.0.0.1:")
     assert "check that" in text
-    assert took_s < 2.4
+    assert took_s < 2.6
 
 
 @contextlib.contextmanager
@@ -345,7 +347,7 @@ def answering(answer: Callable[[bytes], bytes]) -> Iterator[int]:
                     request, sender = server.recvfrom(1000)
                     server.sendto(answer(request), sender)
 
-        thread = threading.Thread(target=run)
+        thread = threading.Thread(target=run, daemon=True)
         thread.start()
         try:
             yield server.getsockname()[1]
@@ -402,10 +404,10 @@ def test_a_server_that_answers_but_sends_nothing_is_told_apart() -> None:
         free = probe.getsockname()[1]
     with answering(answer) as port:
         mocap = Mocap(MocapOptions("optitrack", "127.0.0.1", port, silence_s=0.5), ["a"], clock)
-        text, took_s = failure(mocap, clock, 2.0)
-    assert "it answers but has sent no frame for 2.0 s" in text
+        text, took_s = failure(mocap, clock, 3.0)
+    assert "it answers but has sent no frame for 3.0 s" in text
     assert "interface_ip if it multicasts" in text
-    assert took_s == pytest.approx(2.0, abs=0.3)
+    assert took_s == pytest.approx(3.0, abs=0.5)
 
 
 def test_a_mock_needs_nobody() -> None:
@@ -425,7 +427,7 @@ def test_a_mock_needs_nobody() -> None:
 
 
 def test_a_dead_server_brings_silence_and_its_return_poses(tmp_path: Path) -> None:
-    rig = Rig(tmp_path, silence_s=0.6, attempt_s=0.6)
+    rig = Rig(tmp_path, silence_s=0.6, attempt_s=1.0)
     try:
         rig.connect()
         port, first_child = rig.server.port, rig.mocap.child_pid

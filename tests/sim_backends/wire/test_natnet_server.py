@@ -89,12 +89,14 @@ def served(tmp_path: Path) -> Iterator[tuple[World, NatNetServer]]:
     world = World.create(tmp_path, CONFIG)
     server = NatNetServer(world, NatNetSettings(command_port=0, data_port=0))
     stop = threading.Event()
-    thread = threading.Thread(target=server.run, args=(stop,))
+    thread = threading.Thread(target=server.run, args=(stop,), daemon=True)
     thread.start()
-    yield world, server
-    stop.set()
-    thread.join()
-    server.close()
+    try:
+        yield world, server
+    finally:
+        stop.set()
+        thread.join()
+        server.close()
 
 
 @pytest.mark.wire
@@ -130,7 +132,7 @@ def test_who_has_gone_is_forgotten_and_its_port_is_free_again(tmp_path: Path) ->
         base = int(probe.getsockname()[1])
     server = NatNetServer(world, NatNetSettings(command_port=0, data_port=base))
     stop = threading.Event()
-    thread = threading.Thread(target=server.run, args=(stop,))
+    thread = threading.Thread(target=server.run, args=(stop,), daemon=True)
     thread.start()
     try:
         first, second = Client(server.address), Client(server.address)
