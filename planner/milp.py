@@ -66,8 +66,9 @@ class Options:
 
 
 def milp(problem: Problem, stop: Stop, seed: int, params: Params) -> Result:
-    """Plans and proves: the plan's ``lower_bound_s`` holds for every feasible plan; where it is the makespan (to within
-    ``ROUNDING_S``), the plan is optimal.
+    """Plans and proves: the plan's ``lower_bound_s`` holds for every feasible plan.
+
+    Where it is the makespan (to within ``ROUNDING_S``), the plan is optimal.
 
     Raises:
         PlannerError: for an unknown option, or a start that names something that does not exist.
@@ -142,7 +143,7 @@ def _solver(stop: Stop, seed: int, options: Options, used_s: float) -> cp_model.
     given.num_workers = options.workers
     given.random_seed = seed % (1 << 31)
     # Presolve by inclusion of constraints is wrong in OR-Tools 9.15: it calls some of these models infeasible that are
-    # not. Without it, presolve has agreed with no presolve at all wherever both were tried (tests/planner/test_milp.py).
+    # not. Without it, presolve agreed with no presolve at all wherever both were tried (tests/planner/test_milp.py).
     given.presolve_inclusion_work_limit = 0
     if stop.time_s is not None:
         given.max_time_in_seconds = max(0.01, stop.time_s - used_s)

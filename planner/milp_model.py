@@ -104,7 +104,7 @@ class Model:
         return way
 
     def _drives(self) -> list[Any]:
-        """Time that its UGV has driven before each slot; where UGVs are short of energy, they may not drive for ever."""
+        """Time that its UGV has driven before each slot; used where UGVs are short of energy."""
         d, m = self.data, self.model
         driven = [m.new_int_var(0, d.limit_ms, "") for _ in self.slots]
         for g in d.ugv_ids:
@@ -127,7 +127,7 @@ class Model:
         return driven
 
     def _order_twins(self) -> None:
-        """Among UAVs (UGVs) that are alike, one has a task (a recharge) only if the one before it has an earlier one."""
+        """Among UAVs (UGVs) that are alike, the first has the first task (recharge), and so on."""
         d, m = self.data, self.model
         for group in _alike([(u, d.problem.uavs[u]) for u in d.uav_ids]):
             for one, two in pairwise(group):

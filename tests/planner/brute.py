@@ -110,4 +110,4 @@ class Brute:
 
 
 def put(values: tuple, index: int, value: object) -> tuple:
-    return values[:index] + (value,) + values[index + 1 :]
+    return (*values[:index], value, *values[index + 1 :])
