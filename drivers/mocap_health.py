@@ -54,7 +54,7 @@ class HealthLimits:
     rate_hz: float = 50.0
     gap_s: float = 0.1
     hidden: float = 0.02
-    noise_m: float = 0.01
+    noise_m: float = 0.015
     moving_m: float = 0.01
     frozen_s: float = 0.3
     jump_m: float = 0.3
