@@ -1,16 +1,11 @@
-"""cflib's own calls, as in its examples, against the simulated Crazyflie's process."""
+"""The link of the simulated Crazyflie's process: cflib's sessions, logs, losses, nonsense, cost."""
 
 from __future__ import annotations
 
-import contextlib
 import os
 import socket
-import subprocess
-import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import cflib.crtp
@@ -20,68 +15,10 @@ from cflib.crazyflie import Crazyflie
 from cflib.crazyflie.log import LogConfig
 from cflib.crazyflie.syncCrazyflie import SyncCrazyflie
 from cflib.crazyflie.syncLogger import SyncLogger
-from cflib.positioning.motion_commander import MotionCommander
-from cflib.positioning.position_hl_commander import PositionHlCommander
-from cflib.utils.power_switch import PowerSwitch
-from cflib.utils.reset_estimator import reset_estimator
 
-from sim_backends.wire.world import Modifiers, World
-from sim_backends.world import SimUav, SimUgv, WorldConfig
+from tests.sim_backends.wire.crazyflie_rig import Server, log_rows, until
 
 pytestmark = [pytest.mark.wire, pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning")]
-
-ROOT = Path(__file__).parents[3]
-FLYING, LOCKED = 0x10, 0x40
-UAV = SimUav("uav0", "u", (0.3, -0.2), tracking_noise_m=0.01, dock_noise_m=0.003, energy_j=200_000.0)
-UGV = SimUgv("ugv0", "g", (1.0, -0.2), pad_height_m=0.2, dock_offsets_m=((0.0, 0.0),), charge_s=60.0)
-
-
-class Server:
-    """The process, its world, and the motion capture that this test plays."""
-
-    def __init__(self, folder: Path, *options: str) -> None:
-        config = WorldConfig((UAV,), (UGV,), dock_tolerance_m=0.05)
-        self.world = World.create(folder / "world", config)
-        self.world.put(1, self.world.body(1))
-        self.cache = str(folder / "cache")
-        command = [sys.executable, "-m", "sim_backends.wire.crazyflie_server", "--world", str(self.world.folder)]
-        self.process = subprocess.Popen(
-            [*command, "--port", "0", *options], cwd=ROOT, stdout=subprocess.PIPE, text=True
-        )
-        assert self.process.stdout is not None
-        word, _, self.uri = self.process.stdout.readline().strip().partition(" ")
-        assert word == "ready"
-        self.address = ("127.0.0.1", int(self.uri.rpartition(":")[2]))
-
-    def stop(self) -> None:
-        self.process.terminate()
-        self.process.wait(5.0)
-
-    @contextlib.contextmanager
-    def connected(self, *, feed: bool = True) -> Iterator[SyncCrazyflie]:
-        with SyncCrazyflie(self.uri, cf=Crazyflie(rw_cache=self.cache)) as scf:
-            scf.wait_for_params()
-            over = threading.Event()
-            eyes = threading.Thread(target=self._feed, args=(scf.cf, over))
-            if feed:
-                eyes.start()
-            try:
-                yield scf
-            finally:
-                over.set()
-                if feed:
-                    eyes.join()
-
-    def _feed(self, cf: Crazyflie, over: threading.Event) -> None:
-        while not over.wait(0.02):
-            body = self.world.body(0)
-            cf.extpos.send_extpose(*map(float, body.position_m), *map(float, body.quaternion))
-
-    def fault(self, **changes: object) -> None:
-        self.world.modify(0, replace(Modifiers(swap=0), **changes))  # type: ignore[arg-type]
-
-    def height(self) -> float:
-        return float(self.world.body(0).position_m[2])
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -100,30 +37,6 @@ def start(tmp_path: Path) -> Iterator[Callable[..., Server]]:
     yield begin
     for server in servers:
         server.stop()
-
-
-def until(condition: Callable[[], bool], seconds: float, what: str = "") -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, f"did not happen in time: {what}"
-        time.sleep(0.02)
-
-
-def log_rows(scf: SyncCrazyflie, names: tuple[str, ...], count: int, period_ms: int = 20) -> list[dict[str, float]]:
-    config = LogConfig("test", period_ms)
-    for name in names:
-        config.add_variable(name)
-    rows: list[dict[str, float]] = []
-    with SyncLogger(scf, config) as logger:
-        for _, row, _ in logger:
-            rows.append(row)
-            if len(rows) >= count:
-                break
-    return rows
-
-
-def info(scf: SyncCrazyflie) -> int:
-    return int(log_rows(scf, ("supervisor.info",), 1)[0]["supervisor.info"])
 
 
 def test_connects_reads_writes_and_logs(start: Callable[..., Server]) -> None:
@@ -171,85 +84,6 @@ def test_the_log_keeps_its_period(start: Callable[..., Server]) -> None:
             lasted = time.monotonic() - begun
         assert stamps[-1] - stamps[0] == pytest.approx(99 * 20, abs=15)
         assert lasted == pytest.approx(100 * 0.02 / 0.97, abs=0.3)
-
-
-def test_high_level_flight_after_an_estimator_reset(start: Callable[..., Server]) -> None:
-    server = start()
-    with server.connected() as scf:
-        reset_estimator(scf)
-        commander = scf.cf.high_level_commander
-        commander.takeoff(0.6, 1.5, yaw=None)
-        until(lambda: server.height() > 0.55, 5.0, "take-off")
-        commander.go_to(1.0, -0.2, 0.6, 0.0, 2.0)
-        until(lambda: abs(server.world.body(0).position_m[0] - 1.0) < 0.02, 4.0, "flight")
-        until(lambda: info(scf) & 0x300 == 0x300, 2.0, "active and finished")
-        commander.land(0.15, 1.5, yaw=None)
-        until(lambda: log_rows(scf, ("pm.state",), 1)[0]["pm.state"] == 1, 5.0, "charging")
-        body = server.world.body(0)
-        assert (body.on, body.charging) == (1, True)
-        age = int(log_rows(scf, ("locSrvZ.tick",), 1)[0]["locSrvZ.tick"])
-        time.sleep(0.2)
-        assert int(log_rows(scf, ("locSrvZ.tick",), 1)[0]["locSrvZ.tick"]) != age
-
-
-def test_position_helper_and_low_level_helper(start: Callable[..., Server]) -> None:
-    server = start()
-    with server.connected() as scf:
-        time.sleep(0.5)
-        with PositionHlCommander(scf, x=0.3, y=-0.2, default_height=0.4, default_velocity=0.6) as helper:
-            helper.go_to(0.6, -0.2)
-            assert abs(server.world.body(0).position_m[0] - 0.6) < 0.1
-        until(lambda: not server.world.body(0).airborne, 3.0)
-        until(lambda: not info(scf) & FLYING, 4.0)
-        with MotionCommander(scf, default_height=0.4) as motion:
-            until(lambda: server.height() > 0.35, 3.0)
-            motion.forward(0.3)
-            until(lambda: abs(server.world.body(0).position_m[0] - 0.9) < 0.12, 2.0)
-        until(lambda: not server.world.body(0).airborne, 3.0)
-        time.sleep(2.5)  # the helper has handed back to the high-level commander: silence locks nothing
-        assert not info(scf) & (LOCKED | FLYING)
-
-
-def test_brushless_is_armed_and_stopped_through_the_supervisor(start: Callable[..., Server]) -> None:
-    server = start("--variant", "brushless")
-    with server.connected() as scf:
-        supervisor = scf.cf.supervisor
-        assert supervisor.can_be_armed
-        supervisor.send_arming_request(True)
-        until(lambda: bool(info(scf) & 2), 2.0)
-        scf.cf.high_level_commander.takeoff(0.5, 1.0, yaw=None)
-        until(lambda: server.height() > 0.4, 4.0)
-        supervisor.send_emergency_stop()
-        until(lambda: bool(info(scf) & LOCKED), 1.0)
-        until(lambda: not server.world.body(0).airborne, 2.0)
-        assert "Is locked" in supervisor.read_state_list()
-        supervisor.send_arming_request(True)
-        time.sleep(0.3)
-        assert not info(scf) & 2
-    PowerSwitch(server.uri).stm_power_cycle()
-    with server.connected() as scf:
-        assert not info(scf) & LOCKED
-
-
-def test_old_firmware_without_some_groups(start: Callable[..., Server]) -> None:
-    server = start("--protocol", "7", "--without", "pm,radio", "--variant", "brushless")
-    with server.connected() as scf:
-        cf = scf.cf
-        assert cf.platform.get_protocol_version() == 7
-        config = LogConfig("power", 100)
-        config.add_variable("pm.vbat")
-        with pytest.raises(KeyError, match=r"pm\.vbat"):
-            cf.log.add_config(config)
-        assert cf.supervisor.read_bitfield() == 0  # there is no port 9
-        assert info(scf) == 1
-        cf.supervisor.send_arming_request(True)
-        until(lambda: bool(info(scf) & 2), 2.0)
-        cf.high_level_commander.takeoff(0.4, 1.0, yaw=None)
-        until(lambda: server.height() > 0.35, 4.0)
-        cf.high_level_commander.go_to(0.6, -0.2, 0.4, 0.0, 1.0)
-        until(lambda: abs(server.world.body(0).position_m[0] - 0.6) < 0.05, 3.0)
-        cf.supervisor.send_emergency_stop()
-        until(lambda: bool(info(scf) & LOCKED), 1.0)
 
 
 def test_flies_on_through_loss_silence_and_a_dead_link(start: Callable[..., Server]) -> None:
