@@ -304,7 +304,7 @@ class Limo:
                     return
             else:
                 self._stops = max(self._stops, STOPS)
-        self._publish(ros, motion)
+        ros.publish(*self._twist(motion))
 
     def _next(self, now_s: float, dt_s: float) -> Motion:
         pursuit, pose = self._pursuit, self._pose
@@ -324,10 +324,10 @@ class Limo:
             self._driving = False
         return motion
 
-    def _publish(self, ros: RosRobot, motion: Motion) -> None:
+    def _twist(self, motion: Motion) -> tuple[float, float, float]:
         if motion.still and self._options.mode == "ackermann" and self._options.status:
             motion = Motion(TINY_MPS)
-        ros.publish(motion.forward_mps, motion.left_mps, motion.turn_radps)
+        return (motion.forward_mps, motion.left_mps, motion.turn_radps)
 
     def _read_battery(self, ros: RosRobot, now_s: float) -> None:
         if ros.status is None or ros.status_s is None or ros.status_s == self._battery_s:
@@ -364,11 +364,5 @@ class Limo:
             ros, self._ros = self._ros, None
             self._armed = self._driving = False
             self._pursuit = None
-        if ros is None:
-            return
-        try:
-            for _ in range(3):
-                self._publish(ros, STILL)
-                self._clock.wait_until(self._clock.now() + 0.01)
-        finally:
-            ros.close()
+        if ros is not None:
+            ros.close(*3 * [self._twist(STILL)])

@@ -11,7 +11,7 @@ import contextlib
 import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 import rclpy
@@ -121,17 +121,22 @@ class RosRobot:
         names = [topic for topic, _ in self._domain.node.get_topic_names_and_types()]
         return sorted(n for n in names if n.rsplit("/", 1)[-1] == name and n not in (self.odom, self.cmd_vel))
 
-    def close(self) -> None:
-        """Leaves the domain; the last robot there takes its node and thread with it."""
-        self._domain.remove(self)
-        # Fast DDS may hang when a peer leaves at the same moment; whoever closes must not hang with it
-        leaving = threading.Thread(target=self._destroy, name="ros-leaving", daemon=True)
+    def close(self, *last: tuple[float, float, float]) -> None:
+        """Sends last Twists and leaves the domain; the last robot there takes its node and thread with it.
+
+        Fast DDS may hang when a peer leaves at the same moment; who closes waits ``LEAVE_S`` at the most.
+        """
+        leaving = threading.Thread(target=self._destroy, args=(last,), name="ros-leaving", daemon=True)
         leaving.start()
         leaving.join(LEAVE_S)
 
-    def _destroy(self) -> None:
+    def _destroy(self, last: Sequence[tuple[float, float, float]]) -> None:
+        self._domain.remove(self)
         node = self._domain.node
         with contextlib.suppress(Exception):
+            for twist in last:
+                self.publish(*twist)
+                time.sleep(0.01)
             node.destroy_publisher(self._publisher)
             node.destroy_subscription(self._odom)
             if self._status is not None:

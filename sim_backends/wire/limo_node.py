@@ -286,9 +286,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )  # fmt: skip
     parser.add_argument("--parent", type=int, help="end when this process does")
     options = parser.parse_args(arguments)
-    stop = threading.Event()
+    stop, failed = threading.Event(), list[str]()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
+
+    def run(world: World) -> None:
+        try:
+            serve(
+                world, options.vehicle, mode=options.mode, namespace=options.namespace, domain=options.domain,
+                command_timeout_s=options.command_timeout, parent=options.parent, stop=stop,
+            )  # fmt: skip
+        except (SimulationError, DriverError) as error:
+            failed.append(str(error))
+        finally:
+            stop.set()
+
     with contextlib.ExitStack() as stack:
         try:
             if options.world is None:
@@ -296,14 +308,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 world = World.create(folder, alone(options.vehicle, options.mode))
             else:
                 world = World(options.world)
-            serve(
-                world, options.vehicle, mode=options.mode, namespace=options.namespace, domain=options.domain,
-                command_timeout_s=options.command_timeout, parent=options.parent, stop=stop,
-            )  # fmt: skip
-        except (SimulationError, DriverError) as error:
-            print(f"limo: {error}", file=sys.stderr)
-            return 1
-    return 0
+        except SimulationError as error:
+            failed.append(str(error))
+        else:
+            # not in this thread: whatever ROS waits for, a signal is heard here and ends the process
+            running = threading.Thread(target=run, args=(world,), daemon=True)
+            running.start()
+            stop.wait()
+            running.join(LEAVE_S + 0.2)
+    for words in failed:
+        print(f"limo: {words}", file=sys.stderr)
+    return 1 if failed else 0
 
 
 if __name__ == "__main__":

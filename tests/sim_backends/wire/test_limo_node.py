@@ -128,11 +128,11 @@ def test_drives_by_cmd_vel_in_every_mode(any_bench: Bench, request: pytest.Fixtu
     mode, station = request.node.callspec.params["any_bench"], any_bench.station
     assert any_bench.world.started_s is None
     assert station.status[-1].motion_mode == ["differential", "ackermann", "mecanum"].index(mode)
-    station.keep_saying(1.5, 0.4, 0.3, 0.4)
+    station.keep_saying(1.5, 0.4, 0.4, 0.4)
     x, y, yaw = any_bench.at
-    assert 0.3 < x < 0.6
-    assert yaw == pytest.approx(0.4 * 1.4, abs=0.2)
-    assert (y > 0.35) == (mode == "mecanum"), "only this one drives sideways"
+    assert 0.3 < x < 0.75
+    assert yaw == pytest.approx(0.4 * 1.4, abs=0.35)
+    assert (y > 0.45) == (mode == "mecanum"), "only this one drives sideways"
     assert any_bench.world.started_s is not None
     at = station.odom[-1].pose.pose.position
     assert math.dist((at.x, at.y), (x, y)) < 0.15
