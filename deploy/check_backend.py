@@ -108,7 +108,7 @@ def _links(settings: Settings, probe: BackendProbe) -> CheckRow:
     for i in _ids(settings):
         state = probe.states.get(i)
         if i in probe.errors:
-            bad.append(f"{i}: {probe.errors[i]}")
+            bad.append(f"{i}: {probe.errors[i].removeprefix(f'{i}: ')}")
         elif state is None or not state.link:
             bad.append(f"{i} does not answer")
         else:

@@ -14,7 +14,7 @@ from deploy.check_report import CheckReport
 from deploy.check_vehicles import BY_HAND, identify_fleet, settle
 from deploy.checks import probe_backend, run_checks
 from deploy.display import Display, NullDisplay
-from deploy.errors import DeployError
+from deploy.errors import DeployError, InputError
 from deploy.fleet import Fleet
 from deploy.map_drawing import drawing_of
 from deploy.mission import Mission
@@ -136,6 +136,10 @@ def check_mission(
         PlannerError: the planner's settings are wrong.
     """
     require_ready(mission, backend, sim)
+    if ask is not None and (mission.geo is not None or (backend, sim) == ("sim", "kinematic")):
+        raise InputError(
+            "asks who moves in motion capture, which this mission does not use; leave it out", key="--identify"
+        )
     plan = make_plan(mission, display)
     fleet = connect(mission, backend, sim, horizon_s=plan.makespan_s)
     try:
