@@ -111,6 +111,7 @@ class Commands:
             and known is not None
             and repr(known[1]) == repr(order)  # NaN is not equal to itself
             and sense.now_s - known[0] <= REPEAT_S
+            and known[2] in (ACCEPTED, IN_PROGRESS)  # what was refused may be possible by now
         ):
             self._ack(order.command, known[2], system, component)
             return

@@ -7,9 +7,11 @@ It speaks MAVLink 2 as PX4 or ArduPilot do, moves its body in the shared world a
 from __future__ import annotations
 
 import argparse
+import ipaddress
 import math
 import os
 import signal
+import socket
 import sys
 import tempfile
 import threading
@@ -327,7 +329,11 @@ def _address(text: str) -> Address:
     host, _, port = text.rpartition(":")
     if not host or not port.isdigit():
         raise argparse.ArgumentTypeError(f"{text!r} is not HOST:PORT")
-    return (host, int(port))
+    try:
+        # once, not with every packet
+        return (socket.gethostbyname(host), int(port))
+    except OSError as error:
+        raise argparse.ArgumentTypeError(f"{host!r} is unknown: {error}") from error
 
 
 def _origin(text: str) -> GeoFrame:
@@ -357,7 +363,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--type", choices=("copter", "rover"), default="copter", help="when it is alone")
     p.add_argument("--autopilot", choices=("px4", "ardupilot"), default="px4")
     p.add_argument("--sysid", type=int, default=1)
-    p.add_argument("--host", default="127.0.0.1", help="address to listen on")
+    p.add_argument("--host", help="address to listen on; default: this computer alone, unless --out is another")
     p.add_argument("--port", type=int, help="UDP port to listen on; 0: any")
     p.add_argument("--out", type=_address, action="append", default=[], help="HOST:PORT to send to; may be repeated")
     p.add_argument("--tcp", type=int, help="port of a TCP server")
@@ -382,10 +388,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if args.world is not None and args.vehicle is None:
             raise SimulationError("--world needs --vehicle: which body is it?")
         key = args.signing_key or os.environ.get("MAVLINK_SIGNING_KEY")
+        here = all(ipaddress.ip_address(host).is_loopback for host, _ in args.out)
+        host = args.host or ("127.0.0.1" if here else "0.0.0.0")
         # indoors nobody gives an origin
         source = args.position or ("vision" if args.world is not None and args.origin is None else "gps")
         options = VehicleOptions(
-            autopilot=cast(AutopilotName, args.autopilot), sysid=args.sysid, host=args.host, port=args.port,
+            autopilot=cast(AutopilotName, args.autopilot), sysid=args.sysid, host=host, port=args.port,
             outs=tuple(args.out), tcp_port=args.tcp, key=None if not key else parse_key(key),
             source=cast(Source, source), frame=args.origin or ZURICH, altitude_m=args.altitude, noise_m=args.gps_noise,
             turn_radius_m=args.turn_radius, params=tuple(args.param),

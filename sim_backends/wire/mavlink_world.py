@@ -40,6 +40,7 @@ class CopterInWorld:
         self._pads_m = max((g.pad_height_m for g in world.config.ugvs), default=0.0)
         self._ground = Ground()
         self._ride: tuple[int, float, float, float] | None = None
+        self._deck_mps: Vec3 = (0.0, 0.0, 0.0)
         self._missed = False
         self._code = states.FINE
         self._slow_s = 0.0
@@ -66,8 +67,8 @@ class CopterInWorld:
 
     @property
     def velocity(self) -> Vec3:
-        """Of the body."""
-        return self.copter.velocity
+        """Of the body; on a deck the deck's."""
+        return self._deck_mps if self._ride is not None and self.copter.landed else self.copter.velocity
 
     @property
     def yaw(self) -> float:
@@ -178,6 +179,7 @@ class CopterInWorld:
             return
         row, x, y, yaw = self._ride
         ugv = self._world.body(row)
+        self._deck_mps = ugv.velocity_mps
         c, s = math.cos(ugv.yaw_rad), math.sin(ugv.yaw_rad)
         self.copter.position = (
             ugv.position_m[0] + c * x - s * y,
@@ -207,7 +209,7 @@ class CopterInWorld:
         self._world.put(
             self._row,
             Body(
-                position_m=self.position, velocity_mps=copter.velocity, quaternion=copter.quaternion, on=on,
+                position_m=self.position, velocity_mps=self.velocity, quaternion=copter.quaternion, on=on,
                 dock=self._ground.dock if on >= 0 else 0, armed=autopilot.armed, airborne=not copter.landed,
                 tumbled=copter.tumbled, locked=autopilot.terminated, charging=battery.charging, code=self._code,
                 energy_j=battery.energy_j, used_j=battery.used_j, drawn_j=battery.drawn_j,

@@ -37,6 +37,7 @@ class Station:
         self.newest: dict[str, Any] = {}
         self.all: dict[str, list[Any]] = defaultdict(list)
         self.peer: tuple[str, int] | None = None
+        self.vehicle: tuple[str, int] | None = None
         self.beats = True
         self.stream: Callable[[], Any] | None = None
         self._next_beat_s = self._next_stream_s = 0.0
@@ -65,6 +66,8 @@ class Station:
             data, address = self.socket.recvfrom(4096)
         except TimeoutError:
             return
+        if self.vehicle is not None and address != self.vehicle:
+            return  # somebody who believes that another still listens at this port
         self.peer = address
         for message in self.codec.parse_buffer(data) or []:
             self.newest[message.get_type()] = message
@@ -111,7 +114,7 @@ class Station:
         self.send(mavlink.MAVLink_command_long_message(1, 1, command, confirmation, *full))
         if not wait:
             return -1
-        self.until(lambda: any(a.command == command for a in self.all["COMMAND_ACK"][n:]), 3.0)
+        self.until(lambda: any(a.command == command for a in self.all["COMMAND_ACK"][n:]), 10.0)
         return int(next(a for a in self.all["COMMAND_ACK"][n:] if a.command == command).result)
 
     def velocity(self, n: float, e: float, d: float) -> Any:
@@ -156,7 +159,9 @@ def flying(*arguments: str, key: bytes | None = None, sysid: int = 255) -> Itera
     """A vehicle that a station hears."""
     station = Station(key=key, sysid=sysid)
     try:
-        with process("--out", f"127.0.0.1:{station.port}", *arguments):
+        with process("--out", f"127.0.0.1:{station.port}", *arguments) as child:
+            words = child.ready.split()  # type: ignore[attr-defined]
+            station.vehicle = ("127.0.0.1", int(words[words.index("udp") + 1]))
             station.until(lambda: "HEARTBEAT" in station.newest)
             yield station
     finally:

@@ -109,6 +109,9 @@ def test_it_rides_charges_and_loses_its_link(tmp_path: Path) -> None:
         g.command(SET_MODE, 1, 6)
         assert world.started_s is None
         assert g.command(ARM, 1) == 0
+        g.until(lambda: g.ned[0] > 1.0)
+        s.pump(0.5)
+        assert s.newest["LOCAL_POSITION_NED"].vx > 0.5, "it is carried"
         g.until(lambda: g.ned[0] > 2.5)
         assert world.started_s is not None
         uav, ugv = world.body(0), world.body(1)
