@@ -93,6 +93,8 @@ class MavlinkUav(MavlinkVehicle):
         self._limits, self._pads = limits, pads
         self._streams = (*COMMON_STREAMS, LANDED, *_where(frame is not None))
         self._flight: Flight | None = None
+        self._stood_m = 0.0
+        self._flew = False
         self._tracker = PadTracker()
 
     def _adopt(self, dialect: Dialect) -> None:
@@ -156,6 +158,7 @@ class MavlinkUav(MavlinkVehicle):
             on_ground=t.on_ground,
             airborne=t.airborne,
             guided=self._is_guided(),
+            link=self._link_up(now_s),
             by_pilot=self._dialect.by_pilot(t.custom_mode),
             pad=pad,
             charging=t.charging,
@@ -170,10 +173,11 @@ class MavlinkUav(MavlinkVehicle):
 
     def _level(self) -> None:
         """Finds the floor's height anew from where it stands."""
+        self._stood_m = self._standing_m()
         amsl_m = self._telemetry.amsl_m
         if self.outdoors and self._options.floor_amsl_m is None and amsl_m is not None:
             before_m = self._frame.floor_amsl_m
-            self._frame = replace(self._frame, floor_amsl_m=amsl_m - self._standing_m())
+            self._frame = replace(self._frame, floor_amsl_m=amsl_m - self._stood_m)
             if self._telemetry.position_m is not None:
                 x, y, z = self._telemetry.position_m
                 self._telemetry.position_m = (x, y, z + before_m - self._frame.floor_amsl_m)
@@ -194,6 +198,11 @@ class MavlinkUav(MavlinkVehicle):
     def _step(self, now_s: float, dt_s: float) -> None:
         assert self._flight is not None
         assert self._dialect is not None
+        t = self._telemetry
+        # until its first flight: the poses of UGVs that it may stand on come later than its own
+        if not self._flew and t.on_ground and not t.armed and self._standing_m() != self._stood_m:
+            self._level()
+        self._flew = self._flew or t.airborne
         wants = self._flight.step(self._seen(now_s, dt_s))
         if wants.setpoint is not None:
             self._send_setpoint(wants.setpoint, wants.yaw_rad)

@@ -30,6 +30,8 @@ HOLD_LIFT_M = 0.5
 """Where a take-off is held that has not left the ground yet: stopping the motors there would be worse."""
 LANDED_S = 0.5
 STRANDED_S = 2.0
+STALLED_S = 2.0
+"""Not higher since then: its own take-off is done."""
 FULL = 0.98
 
 
@@ -60,6 +62,7 @@ class Seen:
         yaw_rad: in the arena.
         armed, on_ground, airborne: by its own judgement.
         guided: it follows set-points.
+        link: it was heard lately.
         by_pilot: a pilot steers.
         pad: of the attempt's dock; None: stale or no attempt.
         charging: None: cannot be told.
@@ -75,6 +78,7 @@ class Seen:
     on_ground: bool
     airborne: bool
     guided: bool
+    link: bool = True
     by_pilot: bool = False
     pad: PadSeen | None = None
     charging: bool | None = None
@@ -134,7 +138,7 @@ class Flight:
         self._stream_s: float | None = None
         self._since_s = 0.0
         self._ground_z = 0.0
-        self._count_s = 0.0
+        self._count_s = self._count_m = 0.0
         self._guided_seen = False
         self._land_mode = False
         self._relift_m: float | None = None
@@ -182,6 +186,12 @@ class Flight:
                 if self.phase is not Phase.LAND:
                     self._enter(Phase.LAND, seen.now_s)
                 self._speed_mps = command.speed_mps
+            case Land() if self._up(seen) and seen.at_m is None and not seen.by_pilot:
+                # nobody knows where it is: it must find the ground by itself
+                if self.phase is not Phase.LAND:
+                    self._reference = self._reference or Reference((0.0, 0.0, 0.0))
+                    self._enter(Phase.LAND, seen.now_s)
+                self._land_mode = True
             case Dock() if self._claim(seen):
                 self._dock(command, seen.now_s)
             case Hold() if self._claim(seen):
@@ -266,7 +276,7 @@ class Flight:
         self._enter(Phase.FLY, now_s)
 
     def _enter(self, phase: Phase, now_s: float) -> None:
-        self.phase, self._since_s, self._count_s = phase, now_s, 0.0
+        self.phase, self._since_s, self._count_s, self._count_m = phase, now_s, 0.0, 0.0
         self._land_mode = False
         if phase not in AIR:
             self._guided_seen = False
@@ -308,6 +318,15 @@ class Flight:
     def _keep_up(self, seen: Seen) -> None:
         """Notices what the vehicle has decided by itself."""
         if self.phase not in (*AIR, Phase.LIFT):
+            return
+        if not seen.link:
+            # It may have landed by its own failsafe by the time it is heard again: whoever went on streaming would
+            # make it take off once more. A landing must go on, though.
+            self.fault = self.fault or "link lost: left to its own failsafe"
+            if self.phase is Phase.LAND:
+                self._land_mode = True
+            else:
+                self._settle(seen.now_s)
             return
         if not seen.armed:
             if self.phase is not Phase.LAND and self.phase is not Phase.DOCK:
@@ -369,8 +388,13 @@ class Flight:
         at = seen.at_m
         up_m = 0.0 if at is None else at[2] - self._ground_z
         step_m = min(top - self._ground_z, self._options.takeoff_step_m)
+        if up_m > self._count_m + 0.05:
+            self._count_m, self._count_s = up_m, 0.0
+        self._count_s += seen.dt_s
         if self._lifts_by_command:
-            left = at is not None and seen.airborne and up_m > 0.8 * step_m
+            # its home may lie lower than it stands: then its own take-off ends lower, too
+            enough = up_m > 0.8 * step_m or (up_m > LEFT_M and self._count_s > STALLED_S)
+            left = at is not None and seen.airborne and enough
         else:
             left = at is not None and up_m > LEFT_M
         if left and at is not None:

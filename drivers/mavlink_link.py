@@ -29,6 +29,8 @@ from drivers.mavlink_socket import Peer, Wire, open_wire
 
 SIGNING_EPOCH_S = 1420070400
 """1 January 2015: from there signatures count in 10 us."""
+SIGNED_FLAG = 1
+"""MAVLINK_IFLAG_SIGNED of a packet's header."""
 RADIO_STATUS = 109
 """Comes unsigned out of telemetry radios, which know no key."""
 
@@ -97,7 +99,14 @@ def key_is_open(path: Path | None) -> bool:
 
 
 class Link:
-    """One endpoint. Made by ``board``, ended when the last vehicle leaves."""
+    """One endpoint. Made by ``board``, ended when the last vehicle leaves.
+
+    Attributes:
+        signed: packets are signed, and only signed ones taken.
+        rejected: packets dropped for their signature.
+        foreign: packets came with a signature while we have no key.
+        heard: who was heard, by system id.
+    """
 
     _links: dict[str, Link] = {}  # noqa: RUF012  the process's own registry
     _registry = threading.Lock()
@@ -116,6 +125,7 @@ class Link:
             signing.allow_unsigned_callback = lambda _, message_id: message_id == RADIO_STATUS
         self.signed = key is not None
         self.rejected = 0
+        self.foreign = False
         self.heard: dict[int, Heard] = {}
         self._peers: dict[int, Peer] = {}
         self._sequence: dict[int, int] = {}
@@ -241,6 +251,8 @@ class Link:
                 continue
             if message.get_srcComponent() != w.AUTOPILOT_COMPONENT:
                 continue
+            if not self.signed and message.get_header().incompat_flags & SIGNED_FLAG:
+                self.foreign = True
             sysid = message.get_srcSystem()
             self._peers[sysid] = peer
             self._count(sysid, message.get_seq())

@@ -105,7 +105,7 @@ class Telemetry:
 
     def why(self, since_s: float) -> str:
         """Its own words since then, newest last; empty when it said nothing."""
-        said = [text.strip() for at_s, severity, text in self.texts if at_s >= since_s and severity <= w.WARNING]
+        said = [text.strip() for at_s, severity, text in tuple(self.texts) if at_s >= since_s and severity <= w.WARNING]
         return "; ".join(dict.fromkeys(said[-3:]))
 
 

@@ -102,6 +102,7 @@ class MavlinkVehicle:
         self._pose: Pose | None = None
         self._posed_s = -math.inf
         self._arrived: set[str] = set()
+        self._answered = False
         self._wanted_streams: list[Stream] = []
         self._parameters: dict[str, float] = {}
         self._parameter_tries: dict[str, tuple[int, float]] = {}
@@ -146,7 +147,7 @@ class MavlinkVehicle:
         self._called_s = self._clock.now()
         self._desk = Desk(self._send_command, self._on_refusal)
         # a fresh start: what was known before a close is old; a latched emergency stop is not forgotten
-        self._telemetry, self._arrived = Telemetry(), set()
+        self._telemetry, self._arrived, self._answered = Telemetry(), set(), False
         try:
             self._link = Link.board(
                 self._endpoint, self._options, self._clock, self, max(0.1, deadline_s - self._clock.now())
@@ -159,7 +160,10 @@ class MavlinkVehicle:
             self._prepare()
             needed = {stream.name for stream in self._streams if stream.needed}
             self._wait(lambda: needed <= self._arrived, deadline_s, lambda: self._mute(needed - self._arrived))
+            self._wait(lambda: self._answered, deadline_s, self._deaf)
             self._wait_quietly(self._is_prepared, min(deadline_s, self._clock.now() + 10.0))
+            # an answer comes before the message that it promises
+            self._wait_quietly(lambda: "AUTOPILOT_VERSION" in self._arrived, min(deadline_s, self._clock.now() + 0.5))
         except DriverError:
             self.close()
             raise
@@ -259,6 +263,14 @@ class MavlinkVehicle:
         names = ", ".join(sorted(missing))
         return f"it is there but does not send {names} at {self._endpoint}: check its stream rates and the link"
 
+    def _deaf(self) -> str:
+        assert self._link is not None
+        if self._link.foreign:
+            why = "its packets are signed: give the same key by signing_key_file"
+        else:
+            why = "it does not hear us: check the link's other direction and that no key is set on the vehicle"
+        return f"it is there but answers no command at {self._endpoint}; {why}"
+
     def _identify(self) -> None:
         t = self._telemetry
         what = described(t.autopilot, t.type)
@@ -329,12 +341,13 @@ class MavlinkVehicle:
         name = message.get_type()
         t = self._telemetry
         if name == "GLOBAL_POSITION_INT" and not self._floor_known and not (message.lat == 0 and message.lon == 0):
-            self._frame = replace(self._frame, floor_amsl_m=message.alt * 1e-3 - self._standing_m())
+            self._frame = replace(self._frame, floor_amsl_m=message.alt * 1e-3)
             self._floor_known = True
         t.take(message, now_s, self._frame)
         self._arrived.add(name)
         if name == "COMMAND_ACK":
             if message.target_system in (0, self._options.system_id):
+                self._answered = True
                 self._desk.answered(message.command, message.result, now_s)
                 if message.result == w.ACCEPTED and message.command in (w.DO_SET_MODE, w.ARM_DISARM):
                     # heartbeats come once a second: ask for the effect
@@ -579,10 +592,6 @@ class MavlinkVehicle:
 
     def _charging(self) -> bool:
         return False
-
-    def _standing_m(self) -> float:
-        """Height above the floor of what it stands on."""
-        return 0.0
 
 
 def numbers_are_sound(*values: float) -> bool:

@@ -27,6 +27,7 @@ SAFE = {
     "ardupilot": ("FS_GCS_ENABLE=5", "FS_GCS_TIMEOUT=3"),
 }
 """Parameters as docs and checks ask for them, with short times."""
+OPTIONS = MavlinkOptions()
 TOLERANCE_M = 0.2
 CONFIG = WorldConfig(
     uavs=(
@@ -126,7 +127,7 @@ def team(
     outdoors: bool,
     vehicles: Sequence[str] = ("uav0", "ugv0"),
     config: WorldConfig = CONFIG,
-    options: MavlinkOptions = MavlinkOptions(),
+    options: MavlinkOptions = OPTIONS,
     params: Sequence[str] = (),
     arguments: Sequence[str] = (),
     connect: bool = True,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -139,7 +140,7 @@ def test_takes_off_vertically_within_its_speed(rig: Rig) -> None:
     assert all(p[:2] == (0.0, 0.0) for p in rig.track)
     own_part = 0 if rig.px4 else OPTIONS.takeoff_step_m
     high = [p[2] for p in rig.track if p[2] > max(own_part, 0.5)]
-    assert all(b - a <= 1.0 * DT + 1e-6 for a, b in zip(high, high[1:], strict=False))
+    assert all(b - a <= 1.0 * DT + 1e-6 for a, b in itertools.pairwise(high))
 
 
 def test_nothing_moves_unarmed(rig: Rig) -> None:
@@ -433,3 +434,31 @@ def test_after_a_reset_it_wants_nothing(rig: Rig) -> None:
     rig.seen = replace(rig.seen, armed=False, airborne=False, on_ground=True)
     rig.turn()
     assert rig.wants == Wants(None, 0.0)
+
+
+def test_a_lost_link_ends_the_stream_for_good(rig: Rig) -> None:
+    rig.fly()
+    rig.seen = replace(rig.seen, link=False)
+    rig.turn()
+    assert rig.wants.setpoint is None
+    assert "link lost" in (rig.flight.fault or "")
+    rig.seen = replace(rig.seen, link=True)
+    rig.turn()
+    assert rig.wants.setpoint is None
+    assert not rig.wants.guided
+
+
+def test_a_landing_goes_on_without_link_and_without_position(rig: Rig) -> None:
+    rig.fly()
+    rig.send(Land("u", 1.0))
+    rig.turn()
+    rig.seen = replace(rig.seen, link=False)
+    rig.turn()
+    assert rig.wants.land_mode
+    other = Rig(px4=rig.px4)
+    other.fly()
+    other.seen = replace(other.seen, link=False)
+    other.turn()
+    other.seen = replace(other.seen, own_m=None, pose_m=None)
+    other.send(Land("u", 1.0))
+    assert other.flight.step(other.seen).land_mode

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.geodesy import GeoFrame
@@ -37,18 +37,21 @@ def test_a_turned_arena_turns_vectors_and_headings_alike() -> None:
     assert math.degrees(frame.to_heading(0.0)) == pytest.approx(120.0)
 
 
+@settings(deadline=None)
 @given(METRES, METRES, METRES, ANGLES)
 def test_vectors_come_back(x: float, y: float, z: float, turn: float) -> None:
     frame = MavlinkFrame(GeoFrame(48.0, 11.0, turn))
     assert frame.from_ned(frame.to_ned((x, y, z))) == pytest.approx((x, y, z), abs=1e-6)
 
 
+@settings(deadline=None)
 @given(ANGLES, ANGLES)
 def test_headings_come_back(yaw: float, turn: float) -> None:
     frame = MavlinkFrame(GeoFrame(48.0, 11.0, turn))
     assert wrap(frame.from_heading(frame.to_heading(yaw)) - yaw) == pytest.approx(0.0, abs=1e-9)
 
 
+@settings(deadline=None)
 @given(METRES, METRES, st.floats(-5.0, 120.0))
 def test_positions_on_the_globe_come_back_within_their_resolution(x: float, y: float, z: float) -> None:
     frame = MavlinkFrame(GeoFrame(48.0, 11.0, 0.4, (5.0, -3.0)), floor_amsl_m=500.0)

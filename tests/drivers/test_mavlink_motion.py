@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.limits import UavLimits
@@ -25,12 +26,13 @@ def flight(start: Reference, target: tuple[float, float, float], speed: float) -
     return track
 
 
+@settings(deadline=None)
 @given(POINT, POINT, st.floats(0.2, 10.0))
 def test_rest_to_rest_is_straight_and_within_limits(
     a: tuple[float, float, float], b: tuple[float, float, float], speed: float
 ) -> None:
     track = flight(Reference(a), b, speed)
-    for before, after in zip(track, track[1:], strict=False):
+    for before, after in itertools.pairwise(track):
         vx, vy, vz = after.velocity_mps
         assert math.hypot(vx, vy, vz) <= min(speed, LIMITS.max_speed_mps) + 1e-9
         assert -LIMITS.descent_mps - 1e-9 <= vz <= LIMITS.climb_mps + 1e-9
@@ -41,13 +43,14 @@ def test_rest_to_rest_is_straight_and_within_limits(
         assert on_line == pytest.approx(length, abs=1e-2)
 
 
+@settings(deadline=None)
 @given(POINT, POINT, POINT)
 def test_a_new_target_on_the_way_is_reached_without_a_jump(
     a: tuple[float, float, float], b: tuple[float, float, float], c: tuple[float, float, float]
 ) -> None:
     way = flight(Reference(a), b, 3.0)
     track = flight(way[len(way) // 2], c, 3.0)
-    for before, after in zip(track, track[1:], strict=False):
+    for before, after in itertools.pairwise(track):
         assert math.dist(before.position_m, after.position_m) <= LIMITS.max_speed_mps * DT + 2e-3
 
 
