@@ -61,7 +61,7 @@ def identify_fleet(fleet: Fleet, say: Callable[[str], None]) -> list[SelfCheck]:
 def findings(fleet: Fleet) -> dict[str, Sequence[SelfCheck]]:
     """By vehicle id, and for the fleet as a whole."""
     found: dict[str, Sequence[SelfCheck]] = {name: v.self_checks() for name, v in fleet.vehicles.items()}
-    found[EVERYBODY] = fleet.more_checks()
+    found[EVERYBODY] = fleet.checks()
     return found
 
 

@@ -6,12 +6,18 @@ import contextlib
 import math
 import threading
 import time
+from collections import deque
 from collections.abc import Mapping, Sequence
+from typing import Literal
 
 from drivers.errors import DriverError
-from drivers.vehicle import Pose, PoseSource, Vehicle
+from drivers.vehicle import Pose, PoseSource, SelfCheck, Vehicle
 
 PERIOD_S = 0.02
+WATCHED = 250
+"""Turns that say how well this computer keeps time: the last 5 s."""
+LATE_WARN_S, LATE_FAIL_S = 0.02, 0.2
+"""A period of the loop; and what the supervisor calls overloaded by default."""
 
 
 class PoseFeeder:
@@ -29,6 +35,7 @@ class PoseFeeder:
         self._vehicles, self._bodies, self._poses = vehicles, bodies, poses
         self._lock = threading.Lock()
         self._fresh: dict[str, Pose] = {}
+        self._late_s: deque[float] = deque(maxlen=WATCHED)
         self._open = False
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="pose feeder", daemon=True)
@@ -44,6 +51,18 @@ class PoseFeeder:
             fresh, self._fresh = self._fresh, {}
         return tuple(fresh.values())
 
+    def timing(self) -> SelfCheck:
+        """How punctually a thread runs here at the loop's rate."""
+        late = sorted(self._late_s)
+        if len(late) < WATCHED // 2:
+            return SelfCheck("clock", "not run", "it was not looked at for long enough")
+        p99_s = late[int(0.99 * (len(late) - 1))]
+        text = f"of the last {len(late)} turns at {1 / PERIOD_S:.0f} Hz 99 % began within {1e3 * p99_s:.0f} ms"
+        if p99_s > LATE_WARN_S:
+            text += "; close what loads this computer"
+        verdict: Literal["pass", "warn", "fail"] = "pass" if p99_s <= LATE_WARN_S else "warn"
+        return SelfCheck("clock", "fail" if p99_s > LATE_FAIL_S else verdict, text, p99_s, "s")
+
     def stop(self) -> None:
         """Ends it: the loop takes over; again does nothing."""
         self._stop.set()
@@ -57,6 +76,7 @@ class PoseFeeder:
                 self._turn()
             due_s = max(due_s + PERIOD_S, time.monotonic())
             self._stop.wait(due_s - time.monotonic())
+            self._late_s.append(time.monotonic() - due_s)
 
     def _turn(self) -> None:
         for vehicle in self._vehicles.values():

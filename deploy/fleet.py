@@ -82,6 +82,10 @@ class Fleet:
                 errors[name] = str(error)
         return errors
 
+    def checks(self) -> Sequence[SelfCheck]:
+        """Findings about the fleet as a whole and about this computer."""
+        return (*self.more_checks(), *([self._feeder.timing()] if self._feeder is not None else []))
+
     @property
     def listening(self) -> PoseSource | PoseFeeder:
         """Where poses are read before the flight."""

@@ -114,7 +114,7 @@ def make_checks(
             fleet.clock.now,
             fleet.clock.wait_until,
             errors=errors,
-            more=lambda: (*fleet.more_checks(), *by_hand),
+            more=lambda: (*fleet.checks(), *by_hand),
         )
     with display.working("checking"):
         checks = run_checks(mission, plan, now_s=time.monotonic(), probe=probe)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import io
+import re
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -226,6 +228,38 @@ def test_one_row_a_name_with_the_worst_verdict() -> None:
         ("radio budget", Verdict.PASS, "radio 0 carries a, b"),
     ]
     assert (rows[0].measured, rows[0].unit) == (0.2, "s")
+
+
+def names_in(path: Path) -> set[str]:
+    """Names of findings that a driver's file may report."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    found: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "SelfCheck" and node.args:
+            first = node.args[0]
+            if isinstance(first, ast.Constant):
+                found.add(str(first.value))
+        elif isinstance(node, ast.Assign) and "SelfCheck(name" in path.read_text(encoding="utf-8"):
+            target, value = node.targets[0], node.value
+            if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
+                target, value = target.elts[0], value.elts[0]
+            if isinstance(target, ast.Name) and target.id == "name" and isinstance(value, ast.Constant):
+                found.add(str(value.value))
+    return found
+
+
+def test_every_finding_of_a_driver_is_documented() -> None:
+    text = (ROOT / "docs" / "checks.md").read_text(encoding="utf-8")
+    section = text.partition("## What the vehicles")[2].partition("\n## ")[0]
+    rows = {
+        name
+        for line in section.splitlines()
+        if line.startswith("| `")
+        for name in re.findall(r"`(.+?)`", line.split("|")[1])
+    }
+    files = [*(ROOT / "drivers").glob("*.py"), ROOT / "deploy" / "feeding.py"]
+    names = set().union(*(names_in(path) for path in files)) - {"identity"} | {BY_HAND}
+    assert rows == names
 
 
 def test_it_waits_until_estimators_have_settled() -> None:
