@@ -26,6 +26,8 @@ SCRAPE_MPS = 1.0
 CRASH_TILT = math.radians(50.0)
 WANDER_S, GUST_S = 2.0, 20.0
 """How long a deviation and a gust last."""
+HOP_S = 1.0
+"""Who hops and touches down again within that time still misses the same contact."""
 AT_REST = array("d", bytes(6 * 8))
 LOOK_STEPS = 5
 """Steps between two looks at the ground from well above it."""
@@ -67,6 +69,7 @@ class CrazyflieBody:
         self.ground = ground_under(world, row, start.position_m)
         self._offset = self._on_ugv()
         self._slide_m = 0.0
+        self._missed = 0
         self._looked = 0
         self._wander, self._gust = [0.0] * 6, 0.0
         self.read_faults()
@@ -103,6 +106,7 @@ class CrazyflieBody:
         before = self.velocity_mps
         if self.standing and not self.tumbled and lift_n > LIFT_OFF * self.airframe.mass_kg * GRAVITY:
             self._lift_off()
+        self._missed = max(0, self._missed - 1)
         if self.standing:
             self._stand()
         else:
@@ -199,8 +203,10 @@ class CrazyflieBody:
             self.tumbled = True
             self.dynamics.state[3] = math.pi
         self._offset = self._on_ugv()
-        if self.ground.ugv >= 0 and self.ground.contact and self.faults.dock_miss > 0:
-            self._world.dock_missed(self._row)
+        if self.ground.ugv >= 0 and self.ground.contact and (self.faults.dock_miss > 0 or self._missed > 0):
+            if self._missed == 0:
+                self._world.dock_missed(self._row)
+            self._missed = round(HOP_S / self._step_s)
             self.ground = Ground(self.ground.height_m, self.ground.ugv, self.ground.dock, False)
             self._slide_m = 1.3 * self._world.config.dock_tolerance_m
         if self.ground.ugv >= 0 and not self.ground.contact and self.code == FINE:
