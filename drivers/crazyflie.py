@@ -24,7 +24,7 @@ from drivers.crazyflie_link import LINEAR_PROTOCOL, CrazyflieLink, connect
 from drivers.crazyflie_motion import rest_to_rest_s
 from drivers.crazyflie_options import CrazyflieOptions, default_cache
 from drivers.crazyflie_orders import FlightRules, LandOrder, Order, Phase, Seen, StopOrder
-from drivers.crazyflie_senses import MOTION_S, STILL_M, Telemetry, Track, ground_m, pad_m
+from drivers.crazyflie_senses import MOTION_S, Telemetry, Track, ground_m, pad_m
 from drivers.errors import DriverError
 from drivers.limits import Pads, PoseBook, UavLimits
 from drivers.vehicle import (
@@ -88,7 +88,7 @@ class Crazyflie:
         self._flight = Flight(self._flight_rules(False))
         self._gate = EstimatorGate(o.converge_s, o.converge_samples, o.converge_m2, o.converge_timeout_s)
         self._battery = BatteryGauge(o.battery_curve, o.battery_sag_v)
-        self._own, self._pad_track, self._pad_of = Track(), Track(), ""
+        self._pad_track, self._pad_of = Track(), ""
         self._commands: deque[Command] = deque()
         self._answers: deque[tuple[type[Order], int]] = deque()
         self._variances: deque[tuple[float, list[float]]] = deque()
@@ -380,8 +380,8 @@ class Crazyflie:
         link.emergency_stop()
 
     def _feed(self, pose: Pose, now_s: float, link: CrazyflieLink | None) -> None:
-        self._own.put(pose)
-        self._newest = pose
+        if self._newest is None or pose.stamp_s > self._newest.stamp_s:
+            self._newest = pose
         if link is None or now_s - self._sent_s < 0.8 / self._options.pose_rate_hz:
             return
         link.send_pose(pose, self._options.send_attitude)
@@ -419,7 +419,7 @@ class Crazyflie:
     def _look(self) -> Seen:
         now_s = self._clock.now()
         stamp_s, values = self._telemetry.snapshot()
-        pose = self._own.newest
+        pose = self._newest
         seen = pose is not None and now_s - pose.stamp_s <= self._options.pose_s
         position: Vec3 | None = pose.position_m if pose is not None and seen else None
         names = ("stateEstimate.x", "stateEstimate.y", "stateEstimate.z")
@@ -432,7 +432,6 @@ class Crazyflie:
             position,
             seen,
             yaw if yaw is not None else (pose.yaw_rad if pose is not None else 0.0),
-            seen and self._own.moved_m() < STILL_M,
             bits_of(values),
             charging_of(values),
             self._not_ready(now_s, stamp_s),

@@ -74,7 +74,6 @@ class Seen:
         position_m: from motion capture while fresh, else the vehicle's own estimate; None when both are stale.
         seen: ``position_m`` is from motion capture.
         yaw_rad: heading by the vehicle's own estimate, by which it flies.
-        still: it has not moved lately.
         bits: the supervisor's; None before the first.
         charging: by its charger; None where it cannot tell.
         not_ready: why it must not be armed yet; None when it may.
@@ -87,7 +86,6 @@ class Seen:
     position_m: Vec3 | None = None
     seen: bool = False
     yaw_rad: float = 0.0
-    still: bool = False
     bits: Bits | None = None
     charging: bool | None = None
     not_ready: str | None = None

@@ -9,7 +9,7 @@ from urllib.parse import urlparse
 from drivers.vehicle import SelfCheck
 
 VEHICLES_PER_RADIO = 4
-"""A Crazyradio sends to one vehicle at a time: 4 x 100 poses/s is most of the about 500 packets/s it manages."""
+"""A Crazyradio serves one vehicle at a time: poses, logs and repeats of more than four make each other late."""
 
 
 def radio_of(uri: str) -> str | None:

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from drivers.limits import Pads, PoseBook
 from drivers.vehicle import Pose, Vec2, Vec3
 
-STILL_M = 0.02
 MOTION_S = 0.5
 REBOOT_MS = 1000
 WRAP_MS = 1 << 24

@@ -37,7 +37,8 @@ class Labs:
             harness.wait_for(lambda: not harness.state("uav0").airborne, 20.0)
             harness.vehicles["uav0"].send(Disarm("uav0"))
             harness.wait_for(lambda: not harness.state("uav0").armed, 5.0)
-            return
+            if harness.pose("uav0").position_m[2] < 0.1:  # not on the UGV
+                return
         if state.link:
             lab.close()
             del self.made[variant]

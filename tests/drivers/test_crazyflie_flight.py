@@ -71,7 +71,7 @@ class Vehicle:
         )  # fmt: skip
         x, y, z = (p + d for p, d in zip(self.position, self.drift, strict=True))
         return Seen(
-            self.now_s, (x, y, z), self.sees, 0.0, True, bits, charging, self.not_ready, self.ground, self.pad,
+            self.now_s, (x, y, z), self.sees, 0.0, bits, charging, self.not_ready, self.ground, self.pad,
             self.pad_speed,
         )  # fmt: skip
 
