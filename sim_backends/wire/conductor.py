@@ -10,6 +10,7 @@ import argparse
 import json
 import math
 import os
+import shutil
 import signal
 import sys
 import threading
@@ -33,6 +34,7 @@ PERIOD_S = 0.02
 TELL_S = 1.0
 """The truth is written so often, and at the end."""
 PARENT_S = 0.5
+LINGER_S = 2.0
 
 
 def write_faults(folder: Path, faults: Sequence[Fault]) -> None:
@@ -127,7 +129,7 @@ class Conductor:
 
 
 def serve(world: World, stop: threading.Event, zero_s: float | None = None, parent: int | None = None) -> None:
-    """Conducts until ``stop`` is set or the process ``parent`` has ended."""
+    """Conducts until ``stop`` is set or the process ``parent`` has ended; then nobody needs the folder any more."""
     begun_s = time.monotonic()
     conductor = Conductor(world, read_faults(world.folder), begun_s if zero_s is None else zero_s)
     conductor.look()
@@ -145,7 +147,9 @@ def serve(world: World, stop: threading.Event, zero_s: float | None = None, pare
         if parent is not None and now_s - looked_s >= PARENT_S:
             looked_s = now_s
             if not alive(parent):
-                break
+                stop.wait(LINGER_S)  # the endpoints notice it, too, and may still write
+                shutil.rmtree(world.folder, ignore_errors=True)
+                return
     if world.folder.is_dir():
         write_truth(world.folder, conductor.truth())
 

@@ -162,13 +162,15 @@ def test_everybody_ends_when_the_program_is_killed() -> None:
         "from sim_backends.wire.launch import launch\n"
         "from sim_backends.world import SimUav, WorldConfig\n"
         "s = launch(WorldConfig(uavs=(SimUav('u0', 'a'),), ugvs=()), (), ())\n"
-        "print(*(s.process(n).pid for n in ('conductor', 'motion capture')), flush=True)\n"
+        "print(s.folder, *(s.process(n).pid for n in ('conductor', 'motion capture')), flush=True)\n"
         "time.sleep(60)\n"
     )
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as program:
         assert program.stdout is not None
-        children = [int(pid) for pid in program.stdout.readline().split()]
+        folder, *pids = program.stdout.readline().split()
+        children = [int(pid) for pid in pids]
         program.send_signal(signal.SIGKILL)
         program.wait()
     assert len(children) == 2
-    wait_for(lambda: not any(psutil.pid_exists(pid) for pid in children), 5.0)
+    wait_for(lambda: not any(psutil.pid_exists(pid) for pid in children), 8.0)
+    assert not Path(folder).exists()
