@@ -21,19 +21,16 @@ from sim_backends.wire.mavlink_autopilot import (
     DENIED,
     FAILED,
     FORCE_MAGIC,
-    GUIDED,
     IN_FAILSAFE,
     INFO,
     INT_ONLY,
     LAND,
     LOITER,
-    MANUAL,
     PAUSE,
     REPOSITION,
     RTL,
     SET_HOME,
     SET_MODE,
-    STABILIZE,
     STANDBY,
     TAKEOFF,
     TERMINATE,
@@ -41,38 +38,18 @@ from sim_backends.wire.mavlink_autopilot import (
     WARNING,
     Autopilot,
     Does,
-    Mode,
     Order,
     VehicleType,
     whole,
     wish_of,
 )  # fmt: skip
 from sim_backends.wire.mavlink_guidance import IDLE, Limits, Sense, Wish, stopping_point
+from sim_backends.wire.mavlink_modes import COPTER_MODES, ROVER_MODES
 from sim_backends.wire.mavlink_params import Params
 from sim_backends.wire.mavlink_setpoints import ACCELERATION_BITS, Globe, SetPoint, Target, read_ardupilot
 
-BASE = CUSTOM | STABILIZE | MANUAL
 FORCE_ARM_MAGIC = 2989
-COPTER_MODES = {
-    "STABILIZE": Mode(0, Does.MANUAL, BASE, position=False),
-    "ALT_HOLD": Mode(2, Does.MANUAL, BASE, position=False),
-    "GUIDED": Mode(4, Does.FOLLOW, BASE | GUIDED),
-    "LOITER": Mode(5, Does.HOLD, BASE | GUIDED),
-    "RTL": Mode(6, Does.RTL, BASE | GUIDED, arms=False),
-    "LAND": Mode(9, Does.LAND, BASE, arms=False, position=False),
-    "POSHOLD": Mode(16, Does.HOLD, BASE | GUIDED),
-    "BRAKE": Mode(17, Does.HOLD, BASE | GUIDED, arms=False),
-    "SMART_RTL": Mode(21, Does.RTL, BASE | GUIDED, arms=False),
-}
-ROVER_MODES = {
-    "MANUAL": Mode(0, Does.MANUAL, CUSTOM | MANUAL, position=False),
-    "STEERING": Mode(3, Does.MANUAL, BASE),
-    "HOLD": Mode(4, Does.HOLD, BASE, position=False),
-    "LOITER": Mode(5, Does.HOLD, BASE | GUIDED),
-    "RTL": Mode(11, Does.RTL, BASE | GUIDED),
-    "SMART_RTL": Mode(12, Does.RTL, BASE | GUIDED),
-    "GUIDED": Mode(15, Does.FOLLOW, BASE | GUIDED),
-}
+"""In the second parameter of arming: without checks."""
 COPTER_GCS_ACTIONS = {1: "RTL", 2: "RTL", 3: "SMART_RTL", 4: "SMART_RTL", 5: "LAND", 6: "RTL", 7: "BRAKE"}
 """FS_GCS_ENABLE of ArduCopter."""
 ROVER_ACTIONS = {1: "RTL", 2: "HOLD", 3: "SMART_RTL", 4: "SMART_RTL", 5: ""}

@@ -14,62 +14,34 @@ from typing_extensions import override
 from sim_backends.wire.mavlink_autopilot import (
     ACCEPTED,
     ARM_DISARM,
-    AUTO,
     CHANGE_SPEED,
     CRITICAL,
     CUSTOM,
     DENIED,
     FORCE_MAGIC,
-    GUIDED,
     INFO,
     LAND,
     LOITER,
-    MANUAL,
     REJECTED,
     REPOSITION,
     RTL,
     SET_HOME,
     SET_MODE,
-    STABILIZE,
     TAKEOFF,
     TERMINATE,
     UNSUPPORTED,
     WARNING,
     Autopilot,
-    Does,
-    Mode,
     Order,
     VehicleType,
     whole,
     wish_of,
 )  # fmt: skip
 from sim_backends.wire.mavlink_guidance import IDLE, NAN, Limits, Sense, Wish
+from sim_backends.wire.mavlink_modes import PX4_MODES, px4_number
 from sim_backends.wire.mavlink_params import Params
 from sim_backends.wire.mavlink_setpoints import Globe, SetPoint, Target, read_px4
 
-
-def _number(main: int, sub: int = 0) -> int:
-    """custom_mode of a main and a sub mode (``px4_custom_mode.h``)."""
-    return main << 16 | sub << 24
-
-
-PILOT = CUSTOM | STABILIZE | MANUAL
-SELF = CUSTOM | STABILIZE | GUIDED | AUTO
-MODES = {
-    "MANUAL": Mode(_number(1), Does.MANUAL, CUSTOM | MANUAL, position=False),
-    "ALTCTL": Mode(_number(2), Does.MANUAL, PILOT, position=False),
-    "POSCTL": Mode(_number(3), Does.HOLD, PILOT),
-    "TAKEOFF": Mode(_number(4, 2), Does.TAKEOFF, SELF),
-    "HOLD": Mode(_number(4, 3), Does.HOLD, SELF),
-    "RTL": Mode(_number(4, 5), Does.RTL, SELF, arms=False),
-    "LAND": Mode(_number(4, 6), Does.LAND, SELF, arms=False),
-    "ACRO": Mode(_number(5), Does.MANUAL, CUSTOM | MANUAL, position=False),
-    "OFFBOARD": Mode(_number(6), Does.FOLLOW, CUSTOM | STABILIZE),
-    "STABILIZED": Mode(_number(7), Does.MANUAL, PILOT, position=False),
-    # not to be asked for: PX4 shows blind descent as LAND and termination as MANUAL
-    "DESCEND": Mode(_number(4, 6), Does.SINK, SELF, arms=False, position=False),
-}
-"""``px4_custom_mode.h``; ``get_px4_custom_mode``."""
 ACTIONS = ("RTL", "RTL", "RTL", "RTL", "LAND", "HOLD", "TERMINATE", "DISARM")
 """COM_OBL_RC_ACT: the pilot's modes 0 to 2 (position, altitude, stabilised) become a return where there is no pilot."""
 GCS_ACTIONS = {1: "HOLD", 2: "RTL", 3: "LAND", 5: "TERMINATE", 6: "DISARM"}
@@ -99,7 +71,7 @@ def action_in_effect(action: str, *, since_s: float, delay_s: float, position_ok
 class Px4(Autopilot):
     """PX4's personality."""
 
-    modes = MODES
+    modes = PX4_MODES
     hold_mode = "HOLD"
 
     def __init__(self, kind: VehicleType, params: Params, limits: Limits, globe: Globe) -> None:
@@ -185,7 +157,7 @@ class Px4(Autopilot):
 
     @override
     def set_custom_mode(self, number: int, sense: Sense) -> bool:
-        if number == _number(4, 4):
+        if number == px4_number(4, 4):
             self.say(CRITICAL, "Mission rejected: no mission")
             return False
         return super().set_custom_mode(number, sense)
@@ -204,7 +176,7 @@ class Px4(Autopilot):
             case command if command == SET_MODE:
                 if not whole(p[0]) & CUSTOM:
                     return REJECTED
-                return self._mode_result(self.set_custom_mode(_number(whole(p[1]), whole(p[2])), sense))
+                return self._mode_result(self.set_custom_mode(px4_number(whole(p[1]), whole(p[2])), sense))
             case command if command == TAKEOFF:
                 return self._take_off(order, sense)
             case command if command == LAND and self.kind == "copter":

@@ -10,9 +10,9 @@ from sim_backends.wire.mavlink_ardupilot import ArduPilot
 from sim_backends.wire.mavlink_autopilot import Autopilot, Order, VehicleType
 from sim_backends.wire.mavlink_body import Copter, Rover
 from sim_backends.wire.mavlink_guidance import Limits, Sense, Wish, velocity_for
+from sim_backends.wire.mavlink_options import VehicleOptions, build_params
 from sim_backends.wire.mavlink_px4 import Px4
 from sim_backends.wire.mavlink_setpoints import Globe, Target
-from sim_backends.wire.mavlink_vehicle import VehicleOptions, build_params
 
 LIMITS = Limits(10.0, 3.0, 2.0, 3.0)
 DT = 0.02

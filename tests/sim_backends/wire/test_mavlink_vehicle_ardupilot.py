@@ -6,7 +6,6 @@ import math
 
 import pytest
 
-from sim_backends.wire.mavlink_ardupilot import COPTER_MODES, ROVER_MODES
 from sim_backends.wire.mavlink_autopilot import (
     ACCEPTED,
     ARM_DISARM,
@@ -21,6 +20,7 @@ from sim_backends.wire.mavlink_autopilot import (
     TERMINATE,
     UNSUPPORTED,
 )  # fmt: skip
+from sim_backends.wire.mavlink_modes import COPTER_MODES, ROVER_MODES
 from sim_backends.wire.mavlink_setpoints import Target
 from tests.sim_backends.wire.mavlink_flight import Flight, position, velocity
 

@@ -14,6 +14,7 @@ from sim_backends.wire.mavlink_body import Copter, Rover, quaternion
 from sim_backends.wire.mavlink_estimate import Estimate, Quality
 from sim_backends.wire.mavlink_guidance import Limits, Sense, Wish, approach_mps, stopping_point, velocity_for
 from sim_backends.wire.mavlink_link import mavlink, parse_key
+from sim_backends.wire.mavlink_options import VehicleOptions, build_params
 from sim_backends.wire.mavlink_params import (
     ARDUPILOT_COPTER,
     ARDUPILOT_ROVER,
@@ -28,7 +29,7 @@ from sim_backends.wire.mavlink_params import (
 )  # fmt: skip
 from sim_backends.wire.mavlink_setpoints import Globe, SetPoint, Target, read_ardupilot, read_px4
 from sim_backends.wire.mavlink_streams import Streams
-from sim_backends.wire.mavlink_vehicle import VehicleOptions, build_params, parser
+from sim_backends.wire.mavlink_vehicle import parser
 
 NAN = math.nan
 LIMITS = Limits(5.0, 3.0, 2.0, 2.0)

@@ -25,7 +25,8 @@ from sim_backends.wire.mavlink_autopilot import (
     TERMINATED,
     UNSUPPORTED,
 )  # fmt: skip
-from sim_backends.wire.mavlink_px4 import MODES, action_in_effect
+from sim_backends.wire.mavlink_modes import PX4_MODES
+from sim_backends.wire.mavlink_px4 import action_in_effect
 from tests.sim_backends.wire.mavlink_flight import Flight, position, velocity
 
 NAN = math.nan
@@ -63,7 +64,7 @@ def offboard(**params: float) -> Flight:
     ],
 )
 def test_heartbeat_of_each_mode(mode: str, custom: int, base: int) -> None:
-    assert (MODES[mode].number, MODES[mode].flags) == (custom, base)
+    assert (PX4_MODES[mode].number, PX4_MODES[mode].flags) == (custom, base)
 
 
 def test_takes_off_holds_and_lands_with_the_right_states() -> None:
@@ -207,7 +208,7 @@ def test_without_position_it_descends_blindly_and_calls_it_land() -> None:
     flight.position_ok = False
     flight.run(0.1)
     assert flight.pilot.shown == "DESCEND"
-    assert flight.pilot.custom_mode == MODES["LAND"].number
+    assert flight.pilot.custom_mode == PX4_MODES["LAND"].number
     assert flight.wish.blind
     flight.until(lambda: not flight.pilot.armed)
 
