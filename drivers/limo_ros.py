@@ -79,9 +79,13 @@ class RosRobot:
                 )
         except (InvalidTopicNameException, RuntimeError) as error:
             _leave(self._domain)
-            raise DriverError(
-                f"{vehicle}: the topics of {namespace or '/'} cannot be opened: {error}; "
+            remedy = (
                 "give a ROS namespace such as /limo1 as its endpoint"
+                if isinstance(error, InvalidTopicNameException)
+                else "install this package's dependencies anew and unset RMW_IMPLEMENTATION, or set its status to false"
+            )
+            raise DriverError(
+                f"{vehicle}: the topics of {namespace or '/'} cannot be opened: {error}; {remedy}"
             ) from error
         self._domain.add(self)
 

@@ -21,6 +21,10 @@ from drivers.vehicle import Vec2
 Mode = Literal["differential", "ackermann", "mecanum"]
 
 
+class TuningError(DriverError, ValueError):
+    """A number that does not do; a ``ValueError`` too, so that whoever reads it from a file can add where."""
+
+
 @dataclass(frozen=True, slots=True)
 class Tuning:
     """How it drives; the defaults suit a Limo followed by motion capture.
@@ -55,7 +59,7 @@ class Tuning:
         for name in self.__slots__:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
-                raise DriverError(f"driving: {name} is {value!r}; give a number above 0")
+                raise TuningError(f"{name} is {value!r}; give a number above 0")
 
 
 @dataclass(frozen=True, slots=True)

@@ -58,10 +58,10 @@ class Process:
         return time.monotonic() - start_s
 
 
-def start(*arguments: str, timeout_s: float = 20.0, parent: int | None = None) -> Process:
+def start(*arguments: str, timeout_s: float = 20.0, parent: int | None = None, domain: int = DOMAIN) -> Process:
     """Starts a node and waits until it says that it is ready."""
     command = [sys.executable, "-m", "sim_backends.wire.limo_node", *arguments]
-    command += ["--domain", str(DOMAIN), "--parent", str(parent or os.getpid())]
+    command += ["--domain", str(domain), "--parent", str(parent or os.getpid())]
     root = Path(__file__).parents[2]
     popen = subprocess.Popen(command, cwd=root, stdout=subprocess.PIPE, text=True)
     assert popen.stdout is not None

@@ -234,6 +234,29 @@ def test_two_limos_in_one_domain_drive_their_own_ways(pair: Team) -> None:
         assert {c.verdict for c in pair.limos[k].self_checks()} == {"pass"}
 
 
+def test_limos_in_a_domain_each_are_reached_from_one_process(pair: Team, tmp_path: Path) -> None:
+    world = World.create(tmp_path, lab())
+    other = DOMAIN + 1
+    node = start("--world", str(tmp_path), "--vehicle", "ugv0", "--namespace", namespace("pair0"), domain=other)
+    driver = Limo(
+        "ugv0", namespace("pair0"), body="b", limits=LIMITS, book=PoseBook(), clock=RealClock(),
+        options=LimoOptions(domain=other),
+    )  # fmt: skip
+    driver.connect(driver._clock.now() + 15.0)
+    assert set(limo_ros._domains) >= {DOMAIN, other}
+    before = pair.at()
+    driver.send(Arm("ugv0"))
+    driver.send(Drive("ugv0", ((0.0, 0.0), (1.0, 0.0)), 0.4))
+    for _ in range(40):
+        driver.feed_pose(Pose("b", (float(world.body(0).position_m[0]), 0.0, 0.0), 0.0, driver._clock.now()))
+        time.sleep(0.02)
+    assert world.body(0).position_m[0] > 0.1
+    assert pair.at() == before, "the one with the same name in the other domain hears nothing"
+    driver.close()
+    assert other not in limo_ros._domains
+    node.end()
+
+
 def test_stalled_it_keeps_trying_and_goes_on(pair: Team) -> None:
     pair.modify(0, slow=0.0)
     x, y = pair.at()
