@@ -26,9 +26,9 @@ _ENDPOINTS: dict[str, tuple[str, str]] = {
         r"radio://\d+/\d{1,3}/(250K|1M|2M)(/[0-9A-Fa-f]{10})?|udp://[^\s/:]+:\d{1,5}|usb://\d+",
         "radio://0/80/2M/E7E7E7E701 or udp://127.0.0.1:19850",
     ),
-    "limo": (r"(/[A-Za-z][A-Za-z0-9_]*)+", "the ROS namespace, /limo0"),
+    "limo": (r"(/[A-Za-z][A-Za-z0-9_]*)+|/", "the ROS namespace, /limo0, or / for none"),
     "mavlink": (
-        r"(udpin|udpout|udp|tcp|tcpin):[^\s:]+:\d{1,5}|/dev/\S+",
+        r"(udpin|udpout|tcp):[^\s:]+:\d{1,5}|/dev/\S+",
         "udpin:0.0.0.0:14540, udpout:192.168.1.7:14550, tcp:HOST:PORT or /dev/ttyUSB0",
     ),
 }
@@ -321,8 +321,10 @@ def _unique(vehicles: Vehicles, document: Document, at: KeyPath) -> None:
     for vehicle, config in vehicles.items():
         values: list[tuple[str, object]] = [("body", config.body or vehicle)]
         if config.endpoint is not None:
-            # One MAVLink connection may carry several vehicles, which their system ids tell apart.
-            values.append(("endpoint", (config.endpoint, config.sysid)))
+            # One MAVLink connection may carry several vehicles, which their system ids tell apart; one ROS name may
+            # exist in several domains.
+            domain = config.limo.domain if isinstance(config, UgvConfig) and config.limo is not None else None
+            values.append(("endpoint", (config.endpoint, config.sysid, domain)))
         for name, value in values:
             if (name, value) in seen:
                 shown = value if name == "body" else config.endpoint

@@ -96,9 +96,20 @@ def test_options_of_drivers_stand_in_the_fleet(tmp_path: Path) -> None:
     assert len(build_vehicles(mission, RealClock())) == 2
 
 
+def test_limos_without_a_namespace_have_a_domain_each(tmp_path: Path) -> None:
+    fleet = (
+        "\nvehicles:\n  cf1: {type: crazyflie}\n"
+        "  limo1: {type: limo, endpoint: /, limo: {domain: 1}}\n  limo2: {type: limo, endpoint: /, limo: {domain: 2}}\n"
+    )
+    assert [v.endpoint for v in load(written(tmp_path / "two", "lab.yaml", fleet)).fleet[1:]] == ["/", "/"]
+    with pytest.raises(InputError, match="endpoint '/' is also that of 'limo1'"):
+        load(written(tmp_path / "one", "lab.yaml", fleet.replace("domain: 2", "domain: 1")))
+
+
 @pytest.mark.parametrize(
     ("fleet", "words"),
     [
+        ("cf1: {type: crazyflie, driver: mavlink, endpoint: 'tcpin:h:1', sysid: 1}", "is none of a mavlink"),
         ("cf1: {type: crazyflie, crazyflie: {pose_rate: 50.0}}", r"fleet.yaml:\d+: .*pose_rate.*did you mean"),
         ("cf1: {type: crazyflie, crazyflie: {pose_rate_hz: -1.0}}", "pose_rate_hz is -1.0; give a number above 0"),
         ("cf1: {type: crazyflie, mavlink: {baud: 57600}}", "mavlink holds options of driver mavlink, but driver is"),
