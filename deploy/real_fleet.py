@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from deploy.errors import InputError
 from deploy.fleet import Fleet
 from deploy.mission import FleetVehicle, Mission
 from drivers.clock import Clock
+from drivers.crazyflie_options import CrazyflieOptions
 from drivers.crazyflie_radio_budget import radio_checks
 from drivers.limits import Pads, PoseBook, UavLimits, UgvLimits
+from drivers.limo import Limo, LimoOptions
+from drivers.mavlink_options import MavlinkOptions
 from drivers.mocap import Mocap, MocapOptions
 from drivers.vehicle import PoseSource, SelfCheck, Vehicle
 
@@ -149,18 +151,19 @@ def _vehicle(mission: Mission, vehicle: FleetVehicle, clock: Clock, book: PoseBo
     """One driver. SDKs load here, so that simulated missions need not wait for them."""
     endpoint = place.endpoint if place is not None else vehicle.endpoint
     assert endpoint is not None
-    options: dict[str, Any] = {} if vehicle.options is None else {"options": vehicle.options}
+    options = vehicle.options
+    # where the fleet file says nothing about it, a link is lost when the mission's monitors say so, and not earlier
+    lost_s = mission.settings.monitors.link_lost_s
     if vehicle.driver == "crazyflie":
         from drivers.crazyflie import Crazyflie  # noqa: PLC0415
 
+        crazyflie = options if isinstance(options, CrazyflieOptions) else CrazyflieOptions(telemetry_s=lost_s)
         return Crazyflie(
             vehicle.id, endpoint, body=vehicle.body, limits=uav_limits(mission, vehicle.id), pads=pads_of(mission),
-            book=book, clock=clock, **options,
+            book=book, clock=clock, options=crazyflie,
         )  # fmt: skip
     if vehicle.driver == "limo":
-        from drivers.limo import Limo, LimoOptions  # noqa: PLC0415
-
-        limo = vehicle.options if isinstance(vehicle.options, LimoOptions) else LimoOptions()
+        limo = options if isinstance(options, LimoOptions) else LimoOptions(link_stale_s=lost_s)
         if place is not None and place.domain is not None:
             limo = replace(limo, domain=place.domain)
         return Limo(
@@ -168,9 +171,8 @@ def _vehicle(mission: Mission, vehicle: FleetVehicle, clock: Clock, book: PoseBo
             options=limo,
         )  # fmt: skip
     from drivers.mavlink import MavlinkUav, MavlinkUgv  # noqa: PLC0415
-    from drivers.mavlink_options import MavlinkOptions  # noqa: PLC0415
 
-    mavlink = vehicle.options if isinstance(vehicle.options, MavlinkOptions) else MavlinkOptions()
+    mavlink = options if isinstance(options, MavlinkOptions) else MavlinkOptions(link_timeout_s=lost_s)
     if mavlink.signing_key_file is not None:
         mavlink = replace(mavlink, signing_key_file=_beside(mission, mavlink.signing_key_file))
     sysid = place.sysid if place is not None else vehicle.sysid
