@@ -7,13 +7,14 @@ protocol. Nothing here counts as done before the telemetry shows it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum
 
 from drivers.limits import UavLimits
-from drivers.mavlink_dock import Attempt, Outcome, PadSeen, dock_step
+from drivers.mavlink_dock import Attempt, Outcome, dock_step
 from drivers.mavlink_motion import REST, Reference, along, brake, moved, patience, steer
 from drivers.mavlink_options import MavlinkOptions
+from drivers.mavlink_wants import Seen, Wants
 from drivers.vehicle import Arm, Command, Disarm, Dock, GoTo, Hold, Land, TakeOff, Vec3
 
 STREAM_FIRST_S = 0.6
@@ -49,66 +50,6 @@ class Phase(Enum):
 
 
 AIR = (Phase.FLY, Phase.BRAKE, Phase.LAND, Phase.DOCK, Phase.ABORT)
-
-
-@dataclass(frozen=True, slots=True)
-class Seen:
-    """Everything that a step may look at.
-
-    Attributes:
-        now_s, dt_s: time and what has passed since the last step.
-        own_m: its own estimate, in which set-points are meant; None: stale.
-        pose_m: where it trustworthily is; None: stale.
-        yaw_rad: in the arena.
-        armed, on_ground, airborne: by its own judgement.
-        guided: it follows set-points.
-        link: it was heard lately.
-        by_pilot: a pilot steers.
-        pad: of the attempt's dock; None: stale or no attempt.
-        charging: None: cannot be told.
-        battery: 0..1 or None.
-    """
-
-    now_s: float
-    dt_s: float
-    own_m: Vec3 | None
-    pose_m: Vec3 | None
-    yaw_rad: float
-    armed: bool
-    on_ground: bool
-    airborne: bool
-    guided: bool
-    link: bool = True
-    by_pilot: bool = False
-    pad: PadSeen | None = None
-    charging: bool | None = None
-    battery: float | None = None
-
-    @property
-    def at_m(self) -> Vec3 | None:
-        """Its own estimate, or else the trusted pose."""
-        return self.own_m if self.own_m is not None else self.pose_m
-
-
-@dataclass(frozen=True, slots=True)
-class Wants:
-    """What the autopilot should be told and become.
-
-    Attributes:
-        setpoint: to stream; None: nothing.
-        yaw_rad: to keep, in the arena.
-        guided: be in its guided mode.
-        armed: become armed or disarmed; None: as it is.
-        takeoff_m: leave the ground by its own command, so high above where it stands.
-        land_mode: land by its own means.
-    """
-
-    setpoint: Reference | None = None
-    yaw_rad: float = 0.0
-    guided: bool = False
-    armed: bool | None = None
-    takeoff_m: float | None = None
-    land_mode: bool = False
 
 
 class Flight:

@@ -7,6 +7,7 @@ The only file that imports pymavlink. The ground station's heartbeat goes out on
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import select
 import stat
@@ -26,6 +27,8 @@ from drivers.clock import Clock
 from drivers.errors import DriverError
 from drivers.mavlink_options import MavlinkOptions
 from drivers.mavlink_socket import Peer, Wire, open_wire
+
+logging.getLogger(mavlink.__name__).setLevel(logging.WARNING)  # a line for each packet of a stranger is too much
 
 SIGNING_EPOCH_S = 1420070400
 """1 January 2015: from there signatures count in 10 us."""
@@ -109,6 +112,7 @@ class Link:
     """
 
     _links: dict[str, Link] = {}  # noqa: RUF012  the process's own registry
+    _opening: dict[str, threading.Lock] = {}  # noqa: RUF012
     _registry = threading.Lock()
 
     def __init__(self, endpoint: str, options: MavlinkOptions, clock: Clock, timeout_s: float) -> None:
@@ -147,17 +151,26 @@ class Link:
         Raises:
             DriverError: when the endpoint cannot be opened, the system id is taken, or its link talks as somebody else.
         """
+        key = None if options.signing_key_file is None else read_key(options.signing_key_file)
         with cls._registry:
-            link = cls._links.get(endpoint)
-            if link is None:
-                link = cls._links[endpoint] = cls(endpoint, options, clock, timeout_s)
-            key = None if options.signing_key_file is None else read_key(options.signing_key_file)
-            if link.identity != (options.system_id, options.component_id, key):
-                raise DriverError(f"{endpoint}: its vehicles have different system ids or keys of the ground station")
-            if rider.sysid in link._riders:
-                raise DriverError(f"{endpoint}: two vehicles have the system id {rider.sysid}; make them unique")
-            link._riders[rider.sysid] = rider
-            return link
+            opening = cls._opening.setdefault(endpoint, threading.Lock())
+        # opening may take long: the other endpoints do not wait for it
+        with opening:
+            while True:
+                with cls._registry:
+                    link = cls._links.get(endpoint)
+                if link is None:
+                    link = cls(endpoint, options, clock, timeout_s)
+                with cls._registry:
+                    if link._stop.is_set():
+                        continue  # its last vehicle has left meanwhile
+                    cls._links[endpoint] = link
+                    if link.identity != (options.system_id, options.component_id, key):
+                        raise DriverError(f"{endpoint}: its vehicles differ in system_id, component_id or signing key")
+                    if rider.sysid in link._riders:
+                        raise DriverError(f"{endpoint}: two vehicles have the system id {rider.sysid}; change one")
+                    link._riders[rider.sysid] = rider
+                    return link
 
     def leave(self, rider: Rider) -> None:
         """Takes a vehicle off; with the last one the link ends: thread joined, socket closed."""
@@ -167,7 +180,7 @@ class Link:
             if self._riders:
                 return
             self._links.pop(self.endpoint, None)
-        self._stop.set()
+            self._stop.set()
         self.wake()
         if threading.current_thread() is not self._thread:
             self._thread.join(5.0)

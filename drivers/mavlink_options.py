@@ -18,7 +18,7 @@ class MavlinkOptions:
         component_id: of this ground station, MAV_COMP_ID_MISSIONPLANNER.
         baud: of serial endpoints; 57600 is what telemetry radios are delivered with.
         signing_key_file: file with 32 bytes, or 64 hexadecimal digits; None: unsigned.
-        heartbeat_hz: the protocol's rate of heartbeats.
+        heartbeat_hz: the protocol asks for 1; at 2 a lossy radio does not trip failsafes of 3 to 5 s.
         setpoint_hz: of streamed set-points; PX4 wants 2 Hz at least, 20 Hz is usual.
         pose_hz: most poses a second that are handed to the estimator; more than 50 Hz gains nothing.
         telemetry_hz: of attitude and position; the loop's limit on stale poses is 0.5 s.
@@ -45,7 +45,7 @@ class MavlinkOptions:
     component_id: int = 190
     baud: int = 57600
     signing_key_file: Path | None = None
-    heartbeat_hz: float = 1.0
+    heartbeat_hz: float = 2.0
     setpoint_hz: float = 20.0
     pose_hz: float = 50.0
     telemetry_hz: float = 20.0

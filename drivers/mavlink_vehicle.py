@@ -11,8 +11,8 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Any
 
 from drivers import mavlink_ardupilot, mavlink_px4
 from drivers import mavlink_words as w
@@ -27,7 +27,9 @@ from drivers.mavlink_frames import MavlinkFrame
 from drivers.mavlink_link import Link, key_is_open
 from drivers.mavlink_motion import Reference
 from drivers.mavlink_options import MavlinkOptions
-from drivers.mavlink_telemetry import Telemetry, parameter_value
+from drivers.mavlink_setup import Setup, Stream
+from drivers.mavlink_stop import Stop
+from drivers.mavlink_telemetry import Telemetry
 from drivers.vehicle import Command, Kind, Pose, SelfCheck, StopMotors, VehicleState
 
 logger = logging.getLogger(__name__)
@@ -38,34 +40,7 @@ DIALECTS: dict[tuple[int, str], Dialect] = {
     (w.ARDUPILOT, "uav"): mavlink_ardupilot.COPTER,
     (w.ARDUPILOT, "ugv"): mavlink_ardupilot.ROVER,
 }
-KILL_EVERY_S = 0.1
-"""The emergency stop is repeated so often until a heartbeat confirms it."""
-KILL_AT_LEAST_S = 0.5
-TERMINATE_AFTER_S = 0.7
-"""Without effect for so long, flight termination is asked for as well."""
-KILL_AT_MOST_S = 20.0
-"""Afterwards a vehicle that is armed again is somebody else's business."""
-PARAMETER_EVERY_S = 0.4
-PARAMETER_TRIES = 6
-STREAM_WAIT_S = 2.0
-"""Streams that were acknowledged show within this, or the check says so."""
 POLL_S = 0.02
-
-
-@dataclass(frozen=True, slots=True)
-class Stream:
-    """A message that is asked for.
-
-    Attributes:
-        name, number: of the message.
-        rate: ``fast`` and ``status`` as the options say, ``slow`` twice a second, ``once``.
-        needed: without it there is no flight; others may come late or never.
-    """
-
-    name: str
-    number: int
-    rate: Literal["fast", "status", "slow", "once"]
-    needed: bool = False
 
 
 class MavlinkVehicle:
@@ -90,7 +65,8 @@ class MavlinkVehicle:
             raise DriverError(f"{id}: sysid is {sysid!r}; give 1 to 255, other than this station's {options.system_id}")
         self._id, self._endpoint, self._body, self._sysid = id, endpoint, body, sysid
         self._book, self._clock, self._options = book, clock, options
-        self._frame = MavlinkFrame(frame, options.floor_amsl_m or 0.0)
+        # an own copy: projections are made and used by one thread only
+        self._frame = MavlinkFrame(None if frame is None else replace(frame), options.floor_amsl_m or 0.0)
         self._floor_known = frame is None or options.floor_amsl_m is not None
         self._telemetry = Telemetry()
         self._desk = Desk(self._send_command, self._on_refusal)
@@ -103,14 +79,10 @@ class MavlinkVehicle:
         self._posed_s = -math.inf
         self._arrived: set[str] = set()
         self._answered = False
-        self._wanted_streams: list[Stream] = []
-        self._parameters: dict[str, float] = {}
-        self._parameter_tries: dict[str, tuple[int, float]] = {}
+        self._setup = Setup(options)
         self._refusal: tuple[str, float] | None = None
         self._error: str | None = None
-        self._stopped_s: float | None = None
-        self._stop_sent_s = -math.inf
-        self._stop_shown = False
+        self._stop = Stop()
         self._ticked_s: float | None = None
         self._snapshot = VehicleState(id, stamp_s=0.0, link=False, armed=False)
 
@@ -164,7 +136,7 @@ class MavlinkVehicle:
             self._wait_quietly(self._is_prepared, min(deadline_s, self._clock.now() + 10.0))
             # an answer comes before the message that it promises
             self._wait_quietly(lambda: "AUTOPILOT_VERSION" in self._arrived, min(deadline_s, self._clock.now() + 0.5))
-        except DriverError:
+        except BaseException:
             self.close()
             raise
 
@@ -216,7 +188,7 @@ class MavlinkVehicle:
             dialect=dialect,
             options=self._options,
             telemetry=self._telemetry,
-            parameters=dict(self._parameters),
+            parameters=dict(self._setup.parameters),
             outdoors=self.outdoors,
             pose=self._book.get(self._body),
             now_s=now_s,
@@ -290,45 +262,27 @@ class MavlinkVehicle:
         """Makes ready for the dialect; before the link's thread looks at it."""
 
     def _prepare(self) -> None:
-        """Asks, through the inbox of the link's thread, for telemetry and parameters."""
+        """Has the link's thread ask for telemetry and parameters."""
         assert self._dialect is not None
-        self._parameter_tries = dict.fromkeys(self._dialect.parameters, (0, -math.inf))
-        self._wanted_streams = [
+        wanted = [
             *self._streams,
             Stream(*self._dialect.estimator, "status"),
             Stream("AUTOPILOT_VERSION", w.AUTOPILOT_VERSION, "once"),
         ]
         if self._dialect.wants_origin and not self.outdoors:
-            self._wanted_streams.append(Stream("GPS_GLOBAL_ORIGIN", w.GPS_GLOBAL_ORIGIN, "once"))
+            wanted.append(Stream("GPS_GLOBAL_ORIGIN", w.GPS_GLOBAL_ORIGIN, "once"))
+        self._setup.begin(wanted, self._dialect.parameters)
 
     def _is_prepared(self) -> bool:
-        return not self._wanted_streams and not self._parameter_tries and self._desk.idle
+        return self._setup.done and self._desk.idle
 
     def _ask_for_telemetry(self, now_s: float) -> None:
-        """One interval after another: only one command of a kind may be pending."""
-        if self._wanted_streams and self._desk.idle:
-            stream = self._wanted_streams.pop(0)
-            if stream.rate == "once":
-                wanted = request(f"message {stream.name}", w.REQUEST_MESSAGE, stream.number, loud=False)
-            else:
-                hz = {"fast": self._options.telemetry_hz, "status": self._options.status_hz}.get(stream.rate, 2.0)
-                interval_us = 1e6 / hz
-                wanted = request(
-                    f"rate of {stream.name}", w.SET_MESSAGE_INTERVAL, stream.number, interval_us, loud=False
-                )
-            self._desk.ask(wanted, now_s)
-        due = [n for n, (_, at_s) in self._parameter_tries.items() if now_s - at_s >= PARAMETER_EVERY_S]
-        for name in due:
-            tries, _ = self._parameter_tries[name]
-            if tries >= PARAMETER_TRIES or (tries >= 2 and name in self._optional()):
-                del self._parameter_tries[name]
-                continue
-            self._parameter_tries[name] = (tries + 1, now_s)
+        if self._desk.idle:
+            wanted = self._setup.next_request()
+            if wanted is not None:
+                self._desk.ask(wanted, now_s)
+        for name in self._setup.parameters_due(now_s):
             self._put("param_request_read", self._sysid, w.AUTOPILOT_COMPONENT, name.encode(), -1)
-
-    def _optional(self) -> tuple[str, ...]:
-        """Parameters of other versions, not worth waiting for."""
-        return ("MAV_GCS_SYSID", "EKF2_EV_CTRL")
 
     # --------------------------------------------------------------------------------------- the link's side
 
@@ -361,14 +315,14 @@ class MavlinkVehicle:
 
     def _take_parameter(self, message: Any) -> None:
         name = message.param_id.decode() if isinstance(message.param_id, bytes) else str(message.param_id)
-        if self._dialect is not None and name in self._dialect.parameters:
-            value = parameter_value(message.param_value, message.param_type, self._dialect.bytewise)
-            self._parameters[name] = value
-            self._parameter_tries.pop(name, None)
+        if self._dialect is not None:
+            self._setup.take(name, message.param_value, message.param_type, self._dialect.bytewise)
 
     def _after_reboot(self) -> None:
         """A rebooted vehicle is unlocked and has forgotten the rates."""
-        self._stopped_s, self._stop_shown = None, False
+        if self._dialect is None:
+            return
+        self._stop.release()
         self._reset()
         self._prepare()
 
@@ -386,8 +340,10 @@ class MavlinkVehicle:
                     break
                 command = self._inbox.popleft()
             if isinstance(command, StopMotors):
-                self._begin_stop(now_s)
-            elif self._stopped_s is None:
+                self._stop.begin(now_s)
+                self._reset()
+                self._go_on_stopping(now_s)
+            elif not self._stop.latched:
                 self._take(command, now_s)
         self._publish(now_s)
 
@@ -401,42 +357,21 @@ class MavlinkVehicle:
         self._desk.tick(now_s)
         self._go_on_stopping(now_s)
         # a silent loop must look dead to the vehicle; only an emergency stop goes on
-        if self._stopped_s is None and self.alive(now_s) and dt_s > 0:
+        if not self._stop.latched and self.alive(now_s) and dt_s > 0:
             self._step(now_s, dt_s)
         self._publish(now_s)
+
+    def _go_on_stopping(self, now_s: float) -> None:
+        assert self._dialect is not None
+        t = self._telemetry
+        for wanted in self._stop.step(now_s, t.armed, t.heartbeat_s, self._dialect.terminates):
+            self._send_command(wanted, 0)
 
     def on_error(self, error: Exception) -> None:
         """Something of ours failed in the link's thread: told, never fatal to the others."""
         if self._error is None:
             logger.exception("%s: internal error in the MAVLink driver", self._id, exc_info=error)
         self._error = f"internal error: {error}"
-
-    # ------------------------------------------------------------------------------------- emergency stop
-
-    def _begin_stop(self, now_s: float) -> None:
-        if self._stopped_s is None or self._stop_shown:
-            self._stopped_s, self._stop_shown = now_s, False
-        self._reset()
-        self._stop_sent_s = -math.inf
-        self._go_on_stopping(now_s)
-
-    def _go_on_stopping(self, now_s: float) -> None:
-        if self._stopped_s is None or self._dialect is None:
-            return
-        since_s = now_s - self._stopped_s
-        t = self._telemetry
-        off = not t.armed and t.heartbeat_s > self._stopped_s
-        self._stop_shown = self._stop_shown or off
-        if (off and since_s > KILL_AT_LEAST_S) or since_s > KILL_AT_MOST_S:
-            return
-        if now_s - self._stop_sent_s < KILL_EVERY_S:
-            return
-        self._stop_sent_s = now_s
-        self._put_command(request("emergency stop", w.ARM_DISARM, 0.0, w.FORCE), 0)
-        # the effect shows with a heartbeat, which otherwise comes once a second
-        self._put_command(request("heartbeat", w.REQUEST_MESSAGE, w.HEARTBEAT), 0)
-        if self._dialect.terminates and since_s > TERMINATE_AFTER_S and not off:
-            self._put_command(request("flight termination", w.DO_FLIGHT_TERMINATION, 1.0), 0)
 
     # ------------------------------------------------------------------------------------------- sending
 
@@ -445,12 +380,9 @@ class MavlinkVehicle:
         if link is not None:
             link.send(self._sysid, name, *values)
 
-    def _put_command(self, wanted: Request, confirmation: int) -> None:
+    def _send_command(self, wanted: Request, confirmation: int) -> None:
         target = (self._sysid, w.AUTOPILOT_COMPONENT)
         self._put("command_long", *target, wanted.command, confirmation, *wanted.parameters)
-
-    def _send_command(self, wanted: Request, confirmation: int) -> None:
-        self._put_command(wanted, confirmation)
 
     def _send_pose(self, pose: Pose) -> None:
         """Motion capture for the estimator; the roll and pitch of a Pose are unknown, autopilots look at the yaw."""
@@ -541,7 +473,7 @@ class MavlinkVehicle:
 
     def _publish(self, now_s: float) -> None:
         t = self._telemetry
-        locked = self._stop_shown or t.system_status == w.TERMINATION
+        locked = self._stop.shown or t.system_status == w.TERMINATION
         self._snapshot = VehicleState(
             vehicle=self._id,
             stamp_s=t.stamp_s if math.isfinite(t.stamp_s) else 0.0,
@@ -558,8 +490,8 @@ class MavlinkVehicle:
     def _fault(self) -> str | None:
         if self._error is not None:
             return self._error
-        if self._stopped_s is not None:
-            return "stopped by the operator" if self._stop_shown else "emergency stop not confirmed yet"
+        if self._stop.latched:
+            return "stopped by the operator" if self._stop.shown else "emergency stop not confirmed yet"
         said = self._doing_fault()
         if said is None or self._refusal is None or not said.startswith(self._refusal[0].split(":")[0]):
             return said

@@ -24,7 +24,7 @@ from tests.drivers.contract import Harness
 GEO = GeoFrame(48.0, 11.0, 0.3, (5.0, -3.0))
 SAFE = {
     "px4": ("COM_OBL_RC_ACT=4", "NAV_DLL_ACT=3", "COM_FAIL_ACT_T=1"),
-    "ardupilot": ("FS_GCS_ENABLE=5", "FS_GCS_TIMEOUT=3"),
+    "ardupilot": ("FS_GCS_ENABLE=5",),
 }
 """Parameters as docs and checks ask for them, with short times."""
 OPTIONS = MavlinkOptions()

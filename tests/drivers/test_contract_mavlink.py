@@ -11,10 +11,17 @@ from tests.drivers.contract import DockContract, Harness, UavContract, UgvContra
 from tests.drivers.mavlink_team import team
 
 pytestmark = pytest.mark.wire
-SETUPS = {"px4-globe": ("px4", True), "ardupilot-capture": ("ardupilot", False)}
+SETUPS = {
+    "px4-globe": ("px4", True),
+    "ardupilot-capture": ("ardupilot", False),
+    "px4-capture": ("px4", False),
+    "ardupilot-globe": ("ardupilot", True),
+}
+# the other two differ from these in combinations that the pure tests cover: once in a while is enough
+SLOW = ("px4-capture", "ardupilot-globe")
 
 
-@pytest.fixture(params=SETUPS)
+@pytest.fixture(params=[pytest.param(s, marks=pytest.mark.slow if s in SLOW else ()) for s in SETUPS])
 def setup(request: pytest.FixtureRequest) -> tuple[str, bool]:
     return SETUPS[request.param]
 

@@ -11,8 +11,9 @@ import pytest
 
 from drivers.limits import UavLimits
 from drivers.mavlink_dock import PadSeen
-from drivers.mavlink_flight import Flight, Phase, Seen, Wants
+from drivers.mavlink_flight import Flight, Phase
 from drivers.mavlink_options import MavlinkOptions
+from drivers.mavlink_wants import Seen, Wants
 from drivers.vehicle import Arm, Command, Disarm, Dock, GoTo, Hold, Land, TakeOff, Vec3
 
 LIMITS = UavLimits(max_speed_mps=3.0, accel_mps2=2.0, climb_mps=1.5, descent_mps=1.0, altitude_m=30.0)

@@ -325,3 +325,15 @@ def drive_and_fly(made: Team) -> None:
     h.wait_for(lambda: h.distance("ugv0", (1.5, 1.5, 0.0)) < 0.2 and h.distance("uav0", (1.5, 0.0, 1.5)) < 0.2)
     h.vehicles["uav0"].send(TakeOff("uav0", 2.0, 1.0))
     h.wait_for(lambda: h.distance("uav0", (1.5, 0.0, 2.0)) < 0.2)
+
+
+def test_heights_are_right_for_who_starts_on_a_pad(autopilot: str, tmp_path: Path) -> None:
+    aboard = replace(CONFIG, uavs=(replace(CONFIG.uavs[0], on="ugv0"),))
+    with team(tmp_path, autopilot, outdoors=True, config=aboard) as made:
+        h = made.harness
+        h.wait_for(lambda: abs(h.pose("uav0").position_m[2] - 0.3) < 0.1)
+        h.fly()
+        h.wait(1.0)
+        assert made.truth("uav0")[2] == pytest.approx(1.5, abs=0.15)
+        h.vehicles["uav0"].send(Dock("uav0", "ugv0", 0, 0.6, 2.0))
+        h.wait_for(lambda: h.state("uav0").charging)
