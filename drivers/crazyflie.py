@@ -297,6 +297,7 @@ class Crazyflie:
 
     def _connect(self, timeout_s: float) -> CrazyflieLink:
         o = self._options
+        self._telemetry.new_link = True
         return connect(
             self._uri,
             o.cache or default_cache(),

@@ -14,6 +14,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +26,10 @@ from drivers.vehicle import Pose
 if TYPE_CHECKING:
     from cflib.crazyflie import Crazyflie as Cf
 
-PORT_PLATFORM, PORT_LOCALISATION, PORT_HIGH_LEVEL, PORT_LINK = 0x0D, 0x06, 0x08, 0x0F
+PORT_LOG, PORT_LOCALISATION, PORT_HIGH_LEVEL, PORT_PLATFORM, PORT_LINK = 0x05, 0x06, 0x08, 0x0D, 0x0F
+CREATE_BLOCK, APPEND_BLOCK, START_BLOCK, ITEMS_PER_PACKET = 6, 7, 3, 9
+RESEND_S = 0.06
+"""cflib repeats a request after 0.2 s; on a network an answer takes some ms, and each of hundreds may get lost."""
 SUPERVISOR_PROTOCOL = 12
 """From this CRTP protocol on, arming and emergency stop have port 9."""
 LINEAR_PROTOCOL = 8
@@ -39,7 +43,7 @@ Answered = Callable[[type[Order], int], None]
 _init_lock = threading.Lock()
 
 
-def _new_crazyflie(cache: Path) -> Cf:
+def _new_crazyflie(cache: Path, udp: bool) -> Cf:
     with _init_lock:  # importing and registering drivers is not safe in several threads at once
         with warnings.catch_warnings():  # cflib turns on everybody's deprecation warnings when it is imported
             import cflib.crtp  # noqa: PLC0415  slow to import; needed only where a Crazyflie flies
@@ -53,6 +57,8 @@ def _new_crazyflie(cache: Path) -> Cf:
     # no thread of pings: see the top of the file
     cf.link_statistics.latency.start = lambda: None
     cf.link_statistics.latency.stop = lambda: None
+    if udp:
+        cf.send_packet = partial(cf.send_packet, timeout=RESEND_S)
     return cf
 
 
@@ -84,7 +90,8 @@ class CrazyflieLink:
         self._first_log = threading.Event()
         self._configs: list[Any] = []
         self._breaking = threading.Lock()
-        self._cf: Any = _new_crazyflie(cache)
+        self._udp = uri.startswith("udp:")
+        self._cf: Any = _new_crazyflie(cache, self._udp)
         cf = self._cf
         self._break = cf._link_error_cb
         cf._link_error_cb = self._broken  # must not run in the thread that holds cflib's send lock
@@ -157,7 +164,7 @@ class CrazyflieLink:
 
     def _setup(self) -> None:
         link = self._cf.link
-        if link is not None and self.uri.startswith("udp"):
+        if link is not None and self._udp:
             link.needs_resending = True
         self._start_setup()
 
@@ -175,8 +182,15 @@ class CrazyflieLink:
     def log_again(self) -> None:
         """Asks for the log blocks once more: a vehicle that has rebooted has forgotten them."""
         for config in self._configs if self.up else ():
-            config.create()
-            config.start()
+            items = [
+                bytes((v.get_storage_and_fetch_byte(), *self._cf.log.toc.get_element_id(v.name).to_bytes(2, "little")))
+                for v in config.variables
+            ]
+            # without cflib's resending: while nothing answers, each call would start another endless chain of repeats
+            for i in range(0, len(items), ITEMS_PER_PACKET):
+                command = APPEND_BLOCK if i else CREATE_BLOCK
+                self._raw(PORT_LOG, 1, bytes((command, config.id)) + b"".join(items[i : i + ITEMS_PER_PACKET]))
+            self._raw(PORT_LOG, 1, bytes((START_BLOCK, config.id, config.period)))
 
     # --- what comes in; all in cflib's thread
 

@@ -12,7 +12,7 @@ from drivers.limits import Pads, PoseBook
 from drivers.vehicle import Pose, Vec2, Vec3
 
 MOTION_S = 0.5
-REBOOT_MS = 1000
+REBOOT_MS, QUIET_MS = 1000, 3000
 WRAP_MS = 1 << 24
 
 
@@ -24,18 +24,28 @@ class Telemetry:
     values: dict[str, float] = field(default_factory=dict)
     stamps: dict[str, float] = field(default_factory=dict)
     reboots: int = 0
+    new_link: bool = False
     _clock_ms: int = 0
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def put(self, now_s: float, clock_ms: int, values: Mapping[str, float]) -> None:
-        """Notes one log block; a clock that runs backwards is a reboot (it wraps after 4.6 hours)."""
+        """Notes one log block.
+
+        A clock that has gone back is a reboot (it wraps after 4.6 hours), and so is one that has advanced by much less
+        than ours while nothing was heard. While something is heard that comparison would mean nothing: blocks may have
+        waited for this process.
+        """
         with self._lock:
-            back_ms = self._clock_ms - clock_ms
-            if back_ms > REBOOT_MS and back_ms < WRAP_MS // 2:
+            ahead_ms = (clock_ms - self._clock_ms + WRAP_MS // 2) % WRAP_MS - WRAP_MS // 2
+            gap_ms = 1000.0 * (now_s - self.stamp_s)
+            quiet = math.isfinite(gap_ms) and (gap_ms > QUIET_MS or self.new_link)
+            if math.isfinite(gap_ms) and (ahead_ms < -REBOOT_MS or (quiet and ahead_ms < 0.9 * gap_ms - REBOOT_MS)):
                 self.reboots += 1
                 self.values.clear()
+                self._clock_ms = clock_ms
+            self.new_link = False
             # two blocks may overtake each other by a few ms
-            self._clock_ms = clock_ms if abs(back_ms) > REBOOT_MS else max(clock_ms, self._clock_ms)
+            self._clock_ms = clock_ms if ahead_ms > 0 else self._clock_ms
             self.stamp_s = now_s
             self.values.update(values)
             self.stamps.update(dict.fromkeys(values, now_s))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import socket
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -121,6 +123,23 @@ class Lab:
         self.kill()
 
 
+MakeLab = Callable[..., Lab]
+
+
+@contextmanager
+def labs_in(folder: Path) -> Iterator[MakeLab]:
+    """Makes labs, each in a folder of its own, and closes them all."""
+    labs: list[Lab] = []
+
+    def make(*arguments: str) -> Lab:
+        labs.append(Lab(folder / str(len(labs)), *arguments))
+        return labs[-1]
+
+    yield make
+    for lab in labs:
+        lab.close()
+
+
 class _Parked:
     """The UGV's pose is known to the loop; nobody drives it."""
 
@@ -133,3 +152,27 @@ class _Parked:
 
     def feed_pose(self, pose: Pose) -> None:
         self._book.put(pose)
+
+
+def ready(lab: Lab) -> Harness:
+    harness = lab.harness()
+    harness.connect()
+    harness.wait_for(lambda: verdicts(lab)["estimator"] in ("pass", "warn"), 15.0)
+    return harness
+
+
+def verdicts(lab: Lab) -> dict[str, str]:
+    return {c.name: c.verdict for c in lab.uav.self_checks()}
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
+        s.bind(("127.0.0.1", 0))
+        return int(s.getsockname()[1])
+
+
+def alone(uri: str, folder: Path) -> tuple[Crazyflie, LoopClock]:
+    clock = LoopClock()
+    options = replace(OPTIONS, cache=folder)
+    made = Crazyflie("uav0", uri, body="cf0", limits=LIMITS, pads={}, book=PoseBook(), clock=clock, options=options)
+    return made, clock

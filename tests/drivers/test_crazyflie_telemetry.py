@@ -333,11 +333,34 @@ def test_a_clock_that_runs_backwards_is_a_reboot() -> None:
     telemetry.put(1.2, 500, {"supervisor.info": 14})
     assert telemetry.reboots == 1
     assert telemetry.snapshot() == (1.2, {"supervisor.info": 14})
-    telemetry.put(1.3, (1 << 24) - 5, {})
-    telemetry.put(1.4, 20, {})
+    clock_ms = 500
+    for _ in range(40):
+        clock_ms = (clock_ms + 500_000) % (1 << 24)
+        telemetry.put(1.3, clock_ms, {})
+    telemetry.put(1.4, clock_ms, {})
     assert telemetry.reboots == 1, "the clock wraps"
     assert telemetry.age_s("supervisor.info", 2.2) == pytest.approx(1.0)
     assert telemetry.age_s("nothing", 2.2) == math.inf
+
+
+@pytest.mark.parametrize(
+    ("gap_s", "ahead_ms", "new_link", "reboots"),
+    [
+        (0.05, 50, False, 0),
+        (10.0, 9_700, False, 0),  # silent, with a slow clock
+        (10.0, 300, False, 1),  # off and on again in the meantime
+        (2.0, 50, False, 0),  # our own process was held up: the block waited for it
+        (2.5, 2_450, True, 0),
+        (2.5, 300, True, 1),
+        (5.0, -3_000, False, 1),
+    ],
+)
+def test_a_reboot_shows_in_the_clocks(gap_s: float, ahead_ms: int, new_link: bool, reboots: int) -> None:
+    telemetry = Telemetry()
+    telemetry.put(100.0, 4_000, {})
+    telemetry.new_link = new_link
+    telemetry.put(100.0 + gap_s, 4_000 + ahead_ms, {})
+    assert telemetry.reboots == reboots
 
 
 def test_a_track_measures_motion() -> None:
