@@ -57,10 +57,11 @@ format: $(VENV)/.dev ## put the code into its form
 	@$(BIN)/ruff check --fix .
 	@$(BIN)/ruff format .
 
-bench: $(VENV)/.dev ## measure: simulation speed, the supervisor's step, the evaluator, the Monte Carlo
+bench: $(VENV)/.dev ## measure: simulation speed, the supervisor's step, the evaluator, the Monte Carlo, pose to command
 	@$(BIN)/python -m benchmarks.bench_loop
 	@$(BIN)/python -m benchmarks.bench_planner --time 1 --instances 2
 	@$(BIN)/python -m benchmarks.bench_montecarlo --runs 0
+	@$(BIN)/python -m benchmarks.bench_latency
 
 clean: ## remove the environment, caches and the demo's run folder
 	@rm -rf $(VENV) runs/demo build .pytest_cache .mypy_cache .ruff_cache .import_linter_cache htmlcov .coverage
