@@ -80,10 +80,12 @@ class BatteryGauge:
         dt, self._before_s = now_s - self._before_s, now_s
         if self.share is not None and now_s - self._changed_s < SETTLE_S:
             return
-        unloaded_v = volts + (self.sag_v if loaded else 0.0) - (CHARGING_V if charging else 0.0)
-        share = 1.0 if values.get("pm.state") == CHARGED else interpolate(self.curve, unloaded_v)
+        if values.get("pm.state") == CHARGED:
+            self.share = 1.0
+            return
+        share = interpolate(self.curve, volts + (self.sag_v if loaded else 0.0) - (CHARGING_V if charging else 0.0))
         f = 1.0 if self.share is None else min(1.0, dt / SMOOTH_S)
         known = share if self.share is None else self.share
         share = known + f * (share - known)
-        # what is being charged never gets emptier, whatever its voltage says; a charged one is full
+        # what is being charged never gets emptier, whatever its voltage says
         self.share = max(share, known) if charging else share
