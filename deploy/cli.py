@@ -139,11 +139,12 @@ def simulate(
         ),
     ] = None,
 ) -> int:
-    """Start simulated vehicles or motion capture that speak the protocols of the real ones, for any program.
+    """Start simulated vehicles or motion capture that speak the real protocols, for any program.
 
-    `copcs-deploy simulate crazyflie --help` tells the options of one endpoint. With a mission file, every endpoint is
-    started and its address printed; `--save DIR` writes a mission whose fleet is at these addresses, so that
-    `copcs-deploy run DIR/mission.yaml --backend real` flies it. Ctrl-C ends them.
+    With crazyflie, limo, copter, rover or mocap: one endpoint; its options: simulate crazyflie --help.
+
+    With a mission file: all of its endpoints, whose addresses are printed. With --save DIR it also writes a mission
+    whose fleet is at these addresses, so that `copcs-deploy run DIR/mission.yaml --backend real` flies it.
     """
     from deploy.cli_simulate import simulate as command  # noqa: PLC0415
 
