@@ -95,6 +95,7 @@ class Crazyflie:
         self._pose: Pose | None = None
         self._newest: Pose | None = None
         self._sent_s = -math.inf
+        self._attitude = False
         self._fed = 0
         self._tick: tuple[float, bool | None] = (math.nan, None)
         self._stop_s: float | None = None
@@ -248,6 +249,7 @@ class Crazyflie:
                 latency_s=link.latency_s,
                 fed=self._fed,
                 tick_moves=self._tick[1],
+                heading=self._attitude,
             )
         )
 
@@ -313,8 +315,14 @@ class Crazyflie:
     def _adopt(self, link: CrazyflieLink) -> None:
         self._flight.rules = self._flight_rules(self._options.cruise and link.protocol >= LINEAR_PROTOCOL)
         self._gate.can_tell = not any(name in link.missing for name in VARIANCES)
-        link.set_parameter("commander.enHighLevel", 1)
         self._link = link
+        self._set_up(link)
+
+    def _set_up(self, link: CrazyflieLink) -> None:
+        """Parameters that a reboot forgets."""
+        link.set_parameter("commander.enHighLevel", 1)
+        o = self._options
+        self._attitude = o.send_attitude and link.set_parameter("locSrv.extQuatStdDev", o.attitude_std_rad)
 
     def _on_log(self, stamp_ms: int, values: Mapping[str, float]) -> None:
         now_s = self._clock.now()
@@ -385,7 +393,7 @@ class Crazyflie:
             self._newest = pose
         if link is None or now_s - self._sent_s < 0.8 / self._options.pose_rate_hz:
             return
-        link.send_pose(pose, self._options.send_attitude)
+        link.send_pose(pose, self._attitude)
         self._sent_s = now_s
         self._fed += 1
         self._gate.fed(now_s)
@@ -396,7 +404,9 @@ class Crazyflie:
         if link is None or (self._gate.phase != "resetting" and self._flight.airborne(self._look().bits)):
             return  # who flies (taken over after a restart) must not have its estimate reset
         for order in self._gate.step(now_s, self._newest):
-            link.set_parameter(order.name, order.value)
+            # where markers show no heading, it has been set down along the x axis
+            aligned = order.name == "kalman.initialYaw" and not self._options.send_attitude
+            link.set_parameter(order.name, 0.0 if aligned else order.value)
 
     def _rebooted(self, link: CrazyflieLink | None) -> None:
         self._reboots = self._telemetry.reboots
@@ -404,7 +414,7 @@ class Crazyflie:
         self._gate.restart()
         self._stop_s = None
         if link is not None:
-            link.set_parameter("commander.enHighLevel", 1)
+            self._set_up(link)
 
     def _take(self, command: Command, seen: Seen) -> None:
         if isinstance(command, StopMotors):

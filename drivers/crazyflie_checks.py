@@ -32,6 +32,7 @@ class Facts:
         latency_s: round trip, 95th percentile.
         fed: poses that went out.
         tick_moves: ``locSrvZ.tick`` has moved since poses go out; None where it is not logged.
+        heading: headings go out with the poses.
     """
 
     protocol: int
@@ -45,6 +46,7 @@ class Facts:
     latency_s: float | None
     fed: int
     tick_moves: bool | None
+    heading: bool
 
 
 def self_checks(facts: Facts) -> list[SelfCheck]:
@@ -55,6 +57,7 @@ def self_checks(facts: Facts) -> list[SelfCheck]:
         _supervisor(facts),
         _estimator(facts),
         _pose_path(facts),
+        _heading(facts),
         _battery(facts),
         _charger(facts),
         _radio(facts),
@@ -116,6 +119,13 @@ def _pose_path(f: Facts) -> SelfCheck:
     if f.tick_moves:
         return SelfCheck("pose path", "pass", "poses arrive in the vehicle", f.fed, "poses")
     return SelfCheck("pose path", "fail", "poses go out but do not arrive; check radio and firmware", f.fed, "poses")
+
+
+def _heading(f: Facts) -> SelfCheck:
+    if f.heading:
+        return SelfCheck("heading", "pass", "headings are sent with the poses")
+    text = "only positions are sent: set it down along the x axis, its heading drifts; see option send_attitude"
+    return SelfCheck("heading", "warn", text)
 
 
 def _battery(f: Facts) -> SelfCheck:

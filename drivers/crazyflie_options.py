@@ -37,6 +37,10 @@ class CrazyflieOptions:
     """No log for so long counts as a lost link: 30 periods of the fast block."""
     send_attitude: bool = True
     """Send the heading as well. Without it (markers that show no heading) the vehicle's own heading drifts."""
+    attitude_std_rad: float = 0.5
+    """``locSrv.extQuatStdDev``: how little the sent attitude counts. It knows only the heading and claims to be level:
+    with the firmware's own 0.0045 it would talk a tilted vehicle into being level. 0.5 leaves the tilt to the vehicle's
+    own sensors and still ties its heading down, within about half a minute."""
     pose_rate_hz: float = 100.0
     """No more poses than this are passed on; more than the radio carries would delay each of them."""
     pose_s: float = 0.5
@@ -73,7 +77,7 @@ class CrazyflieOptions:
     def __post_init__(self) -> None:
         for name in (
             "answer_s", "telemetry_s", "pose_rate_hz", "pose_s", "converge_s", "converge_m2", "converge_timeout_s",
-            "charge_confirm_s", "dock_range_m", "dock_speed_mps", "align_s", "touch_m", "astray_m",
+            "attitude_std_rad", "charge_confirm_s", "dock_range_m", "dock_speed_mps", "align_s", "touch_m", "astray_m",
         ):  # fmt: skip
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):

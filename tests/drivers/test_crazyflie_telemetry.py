@@ -278,7 +278,7 @@ def test_options_refuse(wrong: dict[str, object]) -> None:
 
 GOOD = Facts(
     protocol=12, values={"pm.vbat": 4.1, "pm.state": 0, "radio.rssi": 45}, missing=(), bits=decode(0x0E),
-    estimator="ready", resets=1, variance_m2=1e-4, quality=99.0, latency_s=0.01, fed=500, tick_moves=True,
+    estimator="ready", resets=1, variance_m2=1e-4, quality=99.0, latency_s=0.01, fed=500, tick_moves=True, heading=True,
 )  # fmt: skip
 
 
@@ -288,7 +288,7 @@ def verdicts(facts: Facts) -> dict[str, str]:
 
 def test_a_good_one_passes_everything() -> None:
     assert set(verdicts(GOOD).values()) == {"pass"}
-    assert len(verdicts(GOOD)) == 9
+    assert len(verdicts(GOOD)) == 10
 
 
 @pytest.mark.parametrize(
@@ -309,6 +309,7 @@ def test_a_good_one_passes_everything() -> None:
         ({"fed": 0}, "pose path", "not run"),
         ({"tick_moves": None}, "pose path", "not run"),
         ({"tick_moves": False}, "pose path", "fail"),
+        ({"heading": False}, "heading", "warn"),
         ({"values": {}}, "battery telemetry", "warn"),
         ({"values": {}}, "charger telemetry", "warn"),
         ({"values": {}, "quality": None}, "radio", "not run"),
