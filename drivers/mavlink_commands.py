@@ -71,7 +71,6 @@ class Desk:
         self._waiting: dict[int, list[Request]] = {}
         self._rest_s: dict[str, float] = {}
         self._rejections: dict[str, int] = {}
-        self._accepted: set[str] = set()
 
     def ask(self, wanted: Request, now_s: float) -> None:
         """Sends a request unless it is under way, or was answered a moment ago."""
@@ -97,9 +96,18 @@ class Desk:
         self._rest_s.pop(what, None)
         self._rejections.pop(what, None)
 
-    def was_accepted(self, what: str) -> bool:
-        """Whether the request of that name was acknowledged since the start."""
-        return what in self._accepted
+    def cancel(self, what: str) -> None:
+        """It is wanted no more: an unanswered one must not be repeated when it could do harm by now."""
+        for command, pending in list(self._pending.items()):
+            if pending.request.what == what:
+                del self._pending[command]
+        for queue in self._waiting.values():
+            queue[:] = [r for r in queue if r.what != what]
+
+    def clear(self) -> None:
+        """Nothing is wanted any more."""
+        self._pending.clear()
+        self._waiting.clear()
 
     @property
     def idle(self) -> bool:
@@ -121,7 +129,6 @@ class Desk:
             return
         self._done(command, now_s)
         if result == w.ACCEPTED:
-            self._accepted.add(wanted.what)
             self._rest_s[wanted.what] = now_s + AGAIN_S
             self._rejections.pop(wanted.what, None)
             return

@@ -175,15 +175,16 @@ class MavlinkUav(MavlinkVehicle):
         wants = self._flight.step(self._seen(now_s, dt_s))
         if wants.setpoint is not None:
             self._send_setpoint(wants.setpoint, wants.yaw_rad)
+        self._reconcile(wants.guided, wants.armed, now_s)
         landing = self._dialect.landing_parameters
         if wants.land_mode and landing is not None and self._telemetry.airborne:
             self._desk.ask(request("landing mode", w.DO_SET_MODE, w.CUSTOM_MODE, *landing), now_s)
-        self._reconcile(wants.guided, wants.armed, now_s)
-        if wants.takeoff_m is not None and self._is_guided():
-            nan = math.nan
-            if self._dialect.lifts_by_command:
-                nan = 0.0  # ArduPilot does not look at them, but checks that they are numbers
-            wanted = request("take-off", w.NAV_TAKEOFF, 0.0, 0.0, 0.0, nan, 0.0, 0.0, wants.takeoff_m)
+        else:
+            self._desk.cancel("landing mode")
+        if wants.takeoff_m is None:
+            self._desk.cancel("take-off")
+        elif self._is_guided():
+            wanted = request("take-off", w.NAV_TAKEOFF, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, wants.takeoff_m)
             self._desk.ask(wanted, now_s)
 
     def _on_refusal(self, what: str, why: str) -> None:

@@ -76,7 +76,7 @@ class MavlinkVehicle:
         self._lock = threading.Lock()
         self._called_s = -math.inf
         self._pose: Pose | None = None
-        self._posed_s = -math.inf
+        self._posed_s = self._origin_s = -math.inf
         self._arrived: set[str] = set()
         self._answered = False
         self._setup = Setup(options)
@@ -323,6 +323,8 @@ class MavlinkVehicle:
         if self._dialect is None:
             return
         self._stop.release()
+        self._desk.clear()
+        self._telemetry.origin_known = False
         self._reset()
         self._prepare()
 
@@ -341,6 +343,7 @@ class MavlinkVehicle:
                 command = self._inbox.popleft()
             if isinstance(command, StopMotors):
                 self._stop.begin(now_s)
+                self._desk.clear()  # above all no arming that waits for its answer
                 self._reset()
                 self._go_on_stopping(now_s)
             elif not self._stop.latched:
@@ -391,13 +394,12 @@ class MavlinkVehicle:
         unknown = (math.nan, *(0.0,) * 20)
         usec = round(pose.stamp_s * 1e6)
         self._put("vision_position_estimate", usec, north, east, down, 0.0, 0.0, heading, unknown)
-        if self._dialect is not None and self._dialect.wants_origin and not self._telemetry.origin_known:
+        t = self._telemetry
+        wanted = self._dialect is not None and self._dialect.wants_origin and not (t.origin_known or t.armed)
+        if wanted and self._posed_s - self._origin_s >= 1.0:
+            self._origin_s = self._posed_s
             lat, lon = self._options.indoor_origin_deg
-            if self._posed_s - self._origin_s >= 1.0:
-                self._origin_s = self._posed_s
-                self._put("set_gps_global_origin", self._sysid, round(lat * 1e7), round(lon * 1e7), 0, usec)
-
-    _origin_s = -math.inf
+            self._put("set_gps_global_origin", self._sysid, round(lat * 1e7), round(lon * 1e7), 0, usec)
 
     def _send_setpoint(self, wanted: Reference, yaw_rad: float) -> None:
         """A position with the velocity of the reference there, and the yaw to keep."""
@@ -421,18 +423,23 @@ class MavlinkVehicle:
     def _reconcile(self, guided: bool, armed: bool | None, now_s: float) -> None:
         """Asks for mode and arming until the telemetry shows them."""
         assert self._dialect is not None
-        if guided and not self._is_guided():
-            p2, p3 = self._dialect.guided_parameters
-            self._desk.ask(request("mode", w.DO_SET_MODE, w.CUSTOM_MODE, p2, p3), now_s)
+        if not guided:
+            self._desk.cancel("mode")
         elif self._is_guided():
             self._desk.settled("mode")
-        if armed is not None and armed != self._telemetry.armed:
-            if armed:
-                self._desk.ask(request("arming", w.ARM_DISARM, 1.0), now_s)
-            else:
-                self._desk.ask(request("disarming", w.ARM_DISARM, 0.0, self._disarm_magic()), now_s)
         else:
+            p2, p3 = self._dialect.guided_parameters
+            self._desk.ask(request("mode", w.DO_SET_MODE, w.CUSTOM_MODE, p2, p3), now_s)
+        if armed is not True:
+            self._desk.cancel("arming")
+        if armed is not False:
+            self._desk.cancel("disarming")
+        if armed is None or armed == self._telemetry.armed:
             self._desk.settled("arming" if self._telemetry.armed else "disarming")
+        elif armed:
+            self._desk.ask(request("arming", w.ARM_DISARM, 1.0), now_s)
+        else:
+            self._desk.ask(request("disarming", w.ARM_DISARM, 0.0, self._disarm_magic()), now_s)
 
     def _disarm_magic(self) -> float:
         """Second parameter of disarming on the ground."""

@@ -137,3 +137,23 @@ def test_quiet_requests_are_refused_quietly(wire: Wire) -> None:
     wire.desk.ask(request("rate", w.SET_MESSAGE_INTERVAL, 1.0, loud=False), 0.0)
     wire.desk.answered(w.SET_MESSAGE_INTERVAL, w.UNSUPPORTED, 0.1)
     assert not wire.refused
+
+
+def test_what_is_wanted_no_more_is_not_repeated(wire: Wire) -> None:
+    wire.desk.ask(ARM, 0.0)
+    wire.desk.ask(MODE, 0.0)
+    wire.desk.cancel("arming")
+    wire.desk.tick(1.1 * RESEND_S)
+    assert wire.sent == [("arming", 0), ("mode", 0), ("mode", 1)]
+    wire.desk.answered(w.ARM_DISARM, w.DENIED, 0.7)
+    assert not wire.refused
+    wire.desk.clear()
+    assert wire.desk.idle
+
+
+def test_cancelled_while_it_waits_for_its_turn(wire: Wire) -> None:
+    wire.desk.ask(request("rate of A", w.SET_MESSAGE_INTERVAL, 1.0), 0.0)
+    wire.desk.ask(request("rate of B", w.SET_MESSAGE_INTERVAL, 2.0), 0.0)
+    wire.desk.cancel("rate of B")
+    wire.desk.answered(w.SET_MESSAGE_INTERVAL, w.ACCEPTED, 0.1)
+    assert wire.desk.idle
