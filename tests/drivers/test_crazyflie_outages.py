@@ -82,6 +82,27 @@ def test_poses_that_stop_forbid_arming(make: MakeLab) -> None:
     assert harness.state("uav0").fault is None
 
 
+@pytest.mark.parametrize("silent", [False, True])
+def test_the_emergency_stop_is_quick_and_says_when_it_is_not_confirmed(make: MakeLab, silent: bool) -> None:
+    lab = make()
+    harness = ready(lab)
+    harness.fly()
+    lab.world.modify(0, Modifiers(swap=0, silent=silent))
+    time.sleep(0.1)
+    begun = time.monotonic()
+    lab.uav.send(StopMotors("uav0"))
+    while not lab.world.body(0).locked and time.monotonic() - begun < 3.0:
+        time.sleep(0.001)
+    stopped_s = time.monotonic() - begun
+    assert stopped_s < 0.3
+    assert not harness.state("uav0").armed
+    if silent:
+        harness.wait_for(lambda: "emergency stop" in (harness.state("uav0").fault or ""), 3.0)
+        return
+    harness.wait_for(lambda: harness.state("uav0").locked, 1.0)
+    print(f"motors off after {1e3 * stopped_s:.0f} ms, confirmed after {1e3 * (time.monotonic() - begun):.0f} ms")
+
+
 def test_closing_in_the_air_lets_it_land_by_itself(make: MakeLab) -> None:
     lab = make()
     harness = ready(lab)
