@@ -76,7 +76,7 @@ class Method(Protocol):
         ...
 
 
-METHODS = ("search", "milp")
+METHODS = ("search", "milp", "gls", "ts", "sa")
 
 
 def _method(name: str) -> Method:
@@ -89,4 +89,8 @@ def _method(name: str) -> Method:
         from planner.milp import milp  # noqa: PLC0415
 
         return milp
+    if name in ("gls", "ts", "sa"):
+        from planner.baselines import baseline  # noqa: PLC0415
+
+        return baseline(name)
     raise PlannerError(f"method {name!r} does not exist; there are {', '.join(METHODS)}")
