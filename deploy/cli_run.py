@@ -167,6 +167,8 @@ def show_report(made: Report, folder: Path | None) -> None:
         ("safety violations", str(len(made.safety_violations)) if made.safety_violations else "none"),
     ]
     rows += [("", f"{v.kind} at {duration_text(v.start_s)}: {v.text}") for v in made.safety_violations[:5]]
+    if made.loop.late_turns:
+        rows.append(("late turns", f"{made.loop.late_turns} of {made.loop.turns} ({100 * made.loop.late_share:.2f} %)"))
     if folder is not None:
         rows += [("report", _path(folder / REPORT_HTML)), ("numbers", _path(folder / REPORT_JSON))]
     show_rows(rows)
