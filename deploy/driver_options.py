@@ -29,7 +29,8 @@ def _section(options: type[Any]) -> type[Any]:
         schema = handler(core_schema)
         properties = handler.resolve_ref_schema(schema)["properties"]
         for key, text in key_texts(options).items():
-            properties[key]["description"] = text
+            if key in properties:  # the file may have changed since it was loaded
+                properties[key]["description"] = text
         return schema
 
     names = {
@@ -51,7 +52,10 @@ def key_texts(options: type[Any]) -> dict[str, str]:
         match = re.search(entry, doc, re.MULTILINE)
         if match is not None:
             found[field.name] = " ".join(match[2].split())
-    body = ast.parse(textwrap.dedent(inspect.getsource(options))).body[0]
+    try:
+        body = ast.parse(textwrap.dedent(inspect.getsource(options))).body[0]
+    except (OSError, SyntaxError):  # texts are for people; nothing depends on them
+        return found
     assert isinstance(body, ast.ClassDef)
     for statement, below in zip(body.body, body.body[1:], strict=False):
         if isinstance(statement, ast.AnnAssign) and isinstance(statement.target, ast.Name):  # noqa: SIM102
