@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import logging
+import os
+import pty
+import select
 import socket
 import threading
+import tty
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -131,6 +135,38 @@ def test_speaks_tcp() -> None:
     finally:
         vehicle.close()
         stop(process)
+
+
+def test_speaks_over_a_serial_line(alone: int) -> None:
+    """The other end of a pseudo-terminal is bridged to the vehicle's socket."""
+    ours, theirs = pty.openpty()
+    tty.setraw(ours)
+    tty.setraw(theirs)
+    over = threading.Event()
+
+    def bridge() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
+            wire.connect(("127.0.0.1", alone))
+            while not over.is_set():
+                ready, _, _ = select.select([ours, wire], [], [], 0.1)
+                if ours in ready:
+                    wire.send(os.read(ours, 65535))
+                if wire in ready:
+                    os.write(ours, wire.recv(65535))
+
+    thread = threading.Thread(target=bridge)
+    thread.start()
+    vehicle = copter(f"{os.ttyname(theirs)}:57600")
+    try:
+        connect(vehicle)
+        assert vehicle.state().link
+        assert next(f for f in vehicle.self_checks() if f.name == "firmware").verdict == "pass"
+    finally:
+        vehicle.close()
+        over.set()
+        thread.join()
+        os.close(ours)
+        os.close(theirs)
 
 
 # ---------------------------------------------------------------------------------------------------- signing
