@@ -202,6 +202,32 @@ def report(run: Run, as_json: AsJson = False) -> int:
     return command(run, as_json=as_json)
 
 
+@app.command()
+@guarded
+def benchmark(
+    quick: Annotated[
+        bool, typer.Option("--quick", help="One instance each, next to no time: does it all run?")
+    ] = False,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where results are kept.")] = Path("benchmarks/results"),
+    rows: Annotated[
+        str | None, typer.Option(metavar="A,B", help="These rows of the table only.", show_default="all")
+    ] = None,
+    sets: Annotated[
+        str | None, typer.Option(metavar="A,B", help="These data sets only, such as T15-P5_2-2.", show_default="all")
+    ] = None,
+    instances: Annotated[
+        int | None,
+        typer.Option(min=1, max=200, help="Test instances of each data set.", show_default="as each row says"),
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes at once; no more than free cores.")] = 1,
+    as_json: AsJson = False,
+) -> int:
+    """Compare all planning methods on the paper's data sets; what is measured already is kept."""
+    from deploy.cli_benchmark import benchmark as command  # noqa: PLC0415
+
+    return command(is_quick=quick, out=out, rows=rows, sets=sets, instances=instances, jobs=jobs, as_json=as_json)
+
+
 def main() -> None:
     """Entry point."""
     try:

@@ -7,8 +7,7 @@ by a shortest tour. This is decided before any UAV is routed and never revised: 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
-from itertools import combinations
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +17,8 @@ from planner.arrays import arrays_of
 from planner.problem import Problem
 
 COVER_S = 5.0  # limit of the set cover; it takes milliseconds
+EXACT_STOPS = 12
+INF = float("inf")
 STOP_COST = 10**7  # fewer stops come first, then the distance from tasks to stops in m
 
 
@@ -104,46 +105,83 @@ def _cover(problem: Problem, away: NDArray[np.float64], reach_m: float) -> list[
 def _tours(
     problem: Problem, stops: list[int], work_s: dict[int, float], crew: dict[int, int]
 ) -> dict[int, tuple[int, ...]]:
-    """Shares the stops among the UGVs and orders each share by a shortest open tour (exact, Held and Karp).
+    """Shares the stops among the UGVs and orders each share by a shortest open tour.
 
     The share is the one with the least longest (drive + flying of the UGV's UAVs); every UGV gets a stop where there
-    are enough.
+    are enough. Exact for up to two UGVs and ``EXACT_STOPS`` stops, else by cheapest insertion.
     """
-    road = arrays_of(problem).road.tolist()
-    start = arrays_of(problem).site0.tolist()
-
-    @cache
-    def tour(g: int, mine: tuple[int, ...]) -> tuple[float, tuple[int, ...]]:
-        best: dict[tuple[frozenset[int], int], tuple[float, tuple[int, ...]]] = {}
-        for p in mine:
-            best[frozenset([p]), p] = (0.0 if start[g] == p else road[start[g]][p], (p,))
-        for size in range(2, len(mine) + 1):
-            for subset in combinations(mine, size):
-                all_of = frozenset(subset)
-                for p in subset:
-                    rest = all_of - {p}
-                    before = min((best[rest, q][0] + road[q][p], best[rest, q][1]) for q in rest)
-                    best[all_of, p] = (before[0], (*before[1], p))
-        return min((best[frozenset(mine), p] for p in mine), default=(0.0, ()))
-
     ugvs = list(crew)
-    shares: dict[tuple[tuple[int, ...], ...], float] = {}
+    speed = {g: problem.ugvs[g].speed_mps for g in ugvs}
+    if len(ugvs) > 2 or len(stops) > EXACT_STOPS:
+        return _insertion(problem, stops, work_s, crew)
+    tours = {g: _all_tours(problem, g, stops) for g in ugvs}
+    every = (1 << len(stops)) - 1
+    flying = [sum(work_s[p] for k, p in enumerate(stops) if mask >> k & 1) for mask in range(every + 1)]
+    if len(ugvs) == 1:
+        return {ugvs[0]: tours[ugvs[0]][every][1]}
+    best: tuple[float, int] | None = None
+    for mask in range(every + 1):
+        if len(stops) >= 2 and mask in (0, every):
+            continue
+        times = [
+            tours[g][part][0] / speed[g] + flying[part] / crew[g]
+            for g, part in zip(ugvs, (mask, every ^ mask), strict=True)
+        ]
+        value = max(times) + 1e-3 * sum(times)
+        if best is None or value < best[0]:
+            best = (value, mask)
+    assert best is not None
+    return {g: tours[g][part][1] for g, part in zip(ugvs, (best[1], every ^ best[1]), strict=True)}
 
-    def share(left: tuple[int, ...], k: int, made: tuple[tuple[int, ...], ...]) -> None:
-        if k == len(ugvs) - 1:
-            whole = (*made, left)
-            if len(stops) >= len(ugvs) and not all(whole):
-                return
-            times = []
-            for g, mine in zip(ugvs, whole, strict=True):
-                drive = tour(g, mine)[0] / problem.ugvs[g].speed_mps
-                times.append(drive + sum(work_s[p] for p in mine) / crew[g])
-            shares[whole] = max(times) + 1e-3 * sum(times)
-            return
-        for size in range(len(left) + 1):
-            for mine in combinations(left, size):
-                share(tuple(p for p in left if p not in mine), k + 1, (*made, mine))
 
-    share(tuple(stops), 0, ())
-    chosen = min(shares, key=lambda w: (shares[w], w))
-    return {g: tour(g, mine)[1] for g, mine in zip(ugvs, chosen, strict=True)}
+def _first_m(problem: Problem, g: int) -> list[float]:
+    """Road distance of UGV ``g`` to each site from where it is; 0 where it is already."""
+    a = arrays_of(problem)
+    start = int(a.site0[g])
+    return [0.0 if start == p else float(x) for p, x in enumerate(a.road[start])]
+
+
+def _all_tours(problem: Problem, g: int, stops: list[int]) -> list[tuple[float, tuple[int, ...]]]:
+    """Length in m and order of the shortest open tour of every set of stops, by bit mask (Held and Karp 1962)."""
+    first, road = _first_m(problem, g), problem.road_distance_m.tolist()
+    n = len(stops)
+    cost = [[INF] * n for _ in range(1 << n)]
+    before = [[-1] * n for _ in range(1 << n)]
+    tours: list[tuple[float, tuple[int, ...]]] = [(0.0, ())]
+    for mask in range(1, 1 << n):
+        mine = [k for k in range(n) if mask >> k & 1]
+        for k in mine:
+            rest = mask ^ (1 << k)
+            if rest == 0:
+                cost[mask][k] = first[stops[k]]
+                continue
+            for j in mine:
+                if j != k and cost[rest][j] + road[stops[j]][stops[k]] < cost[mask][k]:
+                    cost[mask][k] = cost[rest][j] + road[stops[j]][stops[k]]
+                    before[mask][k] = j
+        last = min(mine, key=lambda k: cost[mask][k])
+        length, order, left, at = cost[mask][last], [], mask, last
+        while at >= 0:
+            order.append(stops[at])
+            left, at = left ^ (1 << at), before[left][at]
+        tours.append((length, tuple(reversed(order))))
+    return tours
+
+
+def _insertion(
+    problem: Problem, stops: list[int], work_s: dict[int, float], crew: dict[int, int]
+) -> dict[int, tuple[int, ...]]:
+    """Stop by stop, the one with most work first, where the longest time grows least."""
+    road: list[list[float]] = problem.road_distance_m.tolist()
+    routes: dict[int, list[int]] = {g: [] for g in crew}
+
+    def time_s(g: int, route: list[int]) -> float:
+        drive = _first_m(problem, g)[route[0]] if route else 0.0
+        drive += sum(road[a][b] for a, b in pairwise(route))
+        return drive / problem.ugvs[g].speed_mps + sum(work_s[p] for p in route) / crew[g]
+
+    for p in sorted(stops, key=lambda p: -work_s[p]):
+        trials = [(g, [*route[:i], p, *route[i:]]) for g, route in routes.items() for i in range(len(route) + 1)]
+        g, route = min(trials, key=lambda t: (time_s(*t), t[0]))
+        routes[g] = route
+    return {g: tuple(route) for g, route in routes.items()}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from reference import Reference
@@ -11,7 +13,7 @@ from planner.baseline_stops import make_groups
 from planner.errors import PlannerError
 from planner.instances import DATA_SETS, data_set
 from planner.plan import Move, Recharge, Visit
-from planner.presets import preset
+from planner.presets import preset, random_roads
 from planner.problem import Problem, Uav, Ugv
 from planner.solve import Params, Stop, solve
 
@@ -48,6 +50,26 @@ def test_a_tour_of_all_path_points_is_shortest() -> None:
         return float(road[problem.depot_index, order[0]] + sum(road[a, b] for a, b in pairwise(order)))
 
     assert length(group.stops) == pytest.approx(min(length(o) for o in permutations(group.stops)))
+
+
+def test_two_ugvs_share_the_stops_evenly() -> None:
+    problem = data_set("T45-P10_4-2").instance(800)
+    begun = time.perf_counter()
+    groups = make_groups(problem, every_site=True)
+    assert time.perf_counter() - begun < 3.0
+    assert all(g.stops for g in groups)
+    counts = [sum(len(tasks) for tasks in g.tasks) for g in groups]
+    assert sum(counts) == 45 and min(counts) >= 10
+
+
+def test_many_ugvs_and_stops() -> None:
+    sites, road = random_roads(16, np.random.default_rng(3))
+    tasks = sites[:-1] + 100.0
+    team = tuple(Uav(f"u{i}", (5000.0, 0.0)) for i in range(4)), tuple(Ugv(f"g{i}") for i in range(3))
+    problem = Problem((5000.0, 0.0), tasks, sites[:-1], road, *team)
+    groups = make_groups(problem, every_site=True)
+    assert sorted(m for g in groups for tasks in g.tasks for m in tasks) == list(range(16))
+    assert solve(problem, Stop(time_s=0.5), 0, Params("gls")).plan.feasible
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,0 +1,168 @@
+"""The benchmark's results as the paper's table (Markdown) and as a plot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from planner.benchmark import Entry, Row
+from planner.instances import DATA_SETS
+from planner.paper import METHODS, PAPER
+from planner.presets import PRESETS, TEAMS
+
+COMPARABLE = """\
+**What can be compared.** All rows of this run: the same instances, the same evaluator, the same machine, one core each.
+Ratios between methods of one run. **What cannot:** absolute figures with the paper's. Its maps, tasks, recharge times,
+docks and what waiting costs are not published; ours are in docs/instances.md and docs/planning.md. The paper's
+baselines are our reading of a scheme that it names but does not describe; its UGV energies fit UGVs that tour all path
+points (`-tour`), the scheme in the literature stops as rarely as it can (`gls`, `ts`, `sa`).
+
+Means over the test instances of each data set, plus or minus the standard error, over feasible plans only: a method
+that is feasible on fewer is judged on the easier ones. Energies are flying and hovering (UAV), driving and standing
+(UGV); the energy given to UAVs is in neither.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One method on one data set: means and standard errors of makespan (s), UAV and UGV energy (kJ)."""
+
+    count: int
+    feasible: int
+    means: tuple[float, float, float]
+    errors: tuple[float, float, float]
+    planning_s: float
+    gap: float | None
+    proven: int
+
+
+def cells(rows: Sequence[Row]) -> dict[tuple[str, str], Cell]:
+    """By data set and entry."""
+    grouped: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        grouped.setdefault((row.data_set, row.entry), []).append(row)
+    return {key: _cell(group) for key, group in grouped.items()}
+
+
+def _cell(rows: Sequence[Row]) -> Cell:
+    fine = [r for r in rows if r.feasible]
+    values = np.array([(r.makespan_s, r.uav_energy_j / 1e3, r.ugv_energy_j / 1e3) for r in fine]).reshape(-1, 3)
+    means, errors = [math.nan] * 3, [math.nan] * 3
+    if len(fine) > 0:
+        means = values.mean(axis=0).tolist()
+    if len(fine) > 1:
+        errors = (values.std(axis=0, ddof=1) / math.sqrt(len(fine))).tolist()
+    bounded = [r for r in fine if r.lower_bound_s is not None]
+    gaps = [1.0 - (r.lower_bound_s or 0.0) / r.makespan_s for r in bounded if r.makespan_s > 0]
+    return Cell(
+        len(rows),
+        len(fine),
+        (means[0], means[1], means[2]),
+        (errors[0], errors[1], errors[2]),
+        float(np.mean([r.planning_s for r in rows])),
+        float(np.mean(gaps)) if gaps else None,
+        sum(g <= 1e-9 for g in gaps),
+    )
+
+
+def markdown(rows: Sequence[Row], given: Sequence[Entry], note: str = "") -> str:
+    """The table: one block a setup and measure, our methods above the paper's."""
+    found = cells(rows)
+    names = [e for e in given if any(key[1] == e.name for key in found)]
+    lines = ["# Benchmark", "", *([note, ""] if note else []), COMPARABLE]
+    lines += ["| Row | What it is |", "|---|---|", *(f"| {e.name} | {e.words} |" for e in names), ""]
+    teams = [f"{u}-{g}" for u, g in TEAMS]
+    for setup in PRESETS:
+        if not any(key[0].startswith(setup) for key in found):
+            continue
+        for k, measure in enumerate(("Makespan, s", "UAV energy, kJ", "UGV energy, kJ")):
+            lines += [f"## {setup}: {measure}", "", f"| Method | {' | '.join(teams)} |", "|---|" + "---:|" * len(teams)]
+            for e in names:
+                texts = [_number(found.get((f"{setup}_{team}", e.name)), k) for team in teams]
+                lines.append(f"| {e.name} | {' | '.join(texts)} |")
+            for method in METHODS:
+                texts = [f"{PAPER[setup, team, method][k]:.0f}" for team in teams]
+                lines.append(f"| *paper: {method}* | {' | '.join(f'*{t}*' for t in texts)} |")
+            lines.append("")
+        lines += [f"## {setup}: feasible plans, planning time", "", f"| Method | {' | '.join(teams)} |"]
+        lines.append("|---|" + "---:|" * len(teams))
+        for e in names:
+            texts = [_share(found.get((f"{setup}_{team}", e.name))) for team in teams]
+            lines.append(f"| {e.name} | {' | '.join(texts)} |")
+        lines += ["", *_best_baseline(found, setup, teams, names), *_proofs(found, setup, teams, names)]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _number(cell: Cell | None, k: int) -> str:
+    if cell is None or cell.feasible == 0:
+        return "-"
+    error = "" if math.isnan(cell.errors[k]) else f" ± {cell.errors[k]:.0f}"
+    return f"{cell.means[k]:.0f}{error}"
+
+
+def _share(cell: Cell | None) -> str:
+    return "-" if cell is None else f"{cell.feasible}/{cell.count}, {cell.planning_s:.2f} s"
+
+
+def _best_baseline(
+    found: dict[tuple[str, str], Cell], setup: str, teams: Sequence[str], names: Sequence[Entry]
+) -> list[str]:
+    """How much shorter search's mean makespan is than the best baseline's."""
+    lines = []
+    for team in teams:
+        mine = found.get((f"{setup}_{team}", "search"))
+        others = [(found[key].means[0], e.name) for e in names if e.method in ("gls", "ts", "sa")
+                  for key in [(f"{setup}_{team}", e.name)] if key in found and found[key].feasible]  # fmt: skip
+        if mine is None or not mine.feasible or not others:
+            continue
+        best, who = min(others)
+        lines.append(f"- {team}: search {100 * (1 - mine.means[0] / best):.1f} % shorter than the best, {who}")
+    return [f"Mean makespan against the best row of gls, ts and sa, {setup}:", "", *lines, ""] if lines else []
+
+
+def _proofs(found: dict[tuple[str, str], Cell], setup: str, teams: Sequence[str], names: Sequence[Entry]) -> list[str]:
+    lines = []
+    for e in names:
+        for team in teams:
+            cell = found.get((f"{setup}_{team}", e.name))
+            if cell is not None and cell.gap is not None:
+                gap = 100 * cell.gap
+                lines.append(f"- {team}: {e.name} proved {cell.proven} of {cell.count} optimal, mean gap {gap:.1f} %")
+    return [f"Proofs, {setup}:", "", *lines, ""] if lines else []
+
+
+def plot(rows: Sequence[Row], given: Sequence[Entry], path: Path) -> None:
+    """Mean makespans as bars with standard errors; the paper's CoPCS and best baseline as marks."""
+    import matplotlib as mpl  # noqa: PLC0415  (slow, and only for pictures)
+
+    mpl.use("agg")
+    import matplotlib.pyplot as plt  # noqa: PLC0415
+
+    found = cells(rows)
+    names = [e.name for e in given if any(key[1] == e.name for key in found)]
+    colours = plt.get_cmap("tab20")(np.linspace(0, 1, 20))
+    figure, panels = plt.subplots(1, len(PRESETS), figsize=(13, 5), layout="constrained")
+    width = 0.84 / max(1, len(names))
+    for axes, setup in zip(panels, PRESETS, strict=True):
+        teams = [d.name.split("_")[1] for d in DATA_SETS if d.setup == setup]
+        for i, name in enumerate(names):
+            here = [found.get((f"{setup}_{team}", name)) for team in teams]
+            x = [t + (i - 0.5 * (len(names) - 1)) * width for t in range(len(teams))]
+            heights = [c.means[0] if c is not None else math.nan for c in here]
+            errors = [0.0 if c is None or math.isnan(c.errors[0]) else c.errors[0] for c in here]
+            colour = "#111827" if name == "search" else colours[i % 20]
+            axes.bar(x, heights, width, yerr=errors, color=colour, label=name, error_kw={"linewidth": 0.8})
+        for method, marker in (("CoPCS", "D"), ("GLS", "o")):
+            y = [PAPER[setup, team, method][0] for team in teams]
+            label = f"paper: {method}"
+            axes.plot(range(len(teams)), y, marker, mfc="none", mec="#b91c1c", ms=9, ls="none", label=label)
+        axes.set_xticks(range(len(teams)), teams)
+        axes.set(title=setup, xlabel="UAVs-UGVs", ylabel="mean makespan, s")
+        axes.set_ylim(bottom=0)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=8, fontsize=8)
+    figure.savefig(path, dpi=90)
+    plt.close(figure)
