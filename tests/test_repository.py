@@ -9,6 +9,7 @@ import pytest
 from typer.main import get_command
 
 from deploy.cli import app
+from deploy.cli_simulate import ENDPOINTS
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
@@ -48,6 +49,10 @@ def test_commands_and_options_in_the_pages_exist(page: Path) -> None:
         words = line.split()
         assert words[0] in commands, f"{page.name}: copcs-deploy {line}"
         options = {name for p in commands[words[0]].params for name in (*p.opts, *p.secondary_opts)}
+        if words[0] == "simulate":  # hands its options on to the endpoint
+            module = f"sim_backends/wire/{ENDPOINTS[words[1]][0]}" if words[1:] and words[1] in ENDPOINTS else None
+            source = (ROOT / f"{module or 'deploy/cli_simulate'}.py").read_text(encoding="utf-8")
+            options |= set(re.findall(r'"(--[a-z-]+)"', source))
         for option in re.findall(r"--[a-z-]+", line):
             assert option in options | {"--help"}, f"{page.name}: copcs-deploy {line}"
 
