@@ -107,7 +107,9 @@ def _room(settings: Settings, state: GateState, now_s: float, uav: UavSettings) 
     if pose is None:
         return () if path is None else (path,)
     here = resting(pose.position_m, now_s)
-    if path is None:
+    # One told to stay is where it is seen: when it was told, its pose may have been false (two bodies swapped), and
+    # it does not go back there.
+    if path is None or path.end_m == path.knots[0][1:]:
         return (here,)
     return (here, straight(pose.position_m, path.end_m, now_s, uav.speed_mps, uav.accel_mps2))
 

@@ -347,6 +347,8 @@ def test_a_held_vehicle_is_where_it_came_to_rest_not_where_it_was_told_to() -> N
     hold = Hold("uav1")
     assert "to uav1" in flight_then(110.0, (50.0, 0.0, 10.0), airborne=True, first=hold)
     assert "to uav1" in flight_then(110.0, (75.0, 0.0, 10.0), airborne=True, first=hold)
+    # two bodies were swapped: it does not fly to where it was seen when it was told to stay
+    assert flight_then(110.0, (50.0, 60.0, 10.0), airborne=True, first=hold) == ""
 
 
 # --- whatever hypothesis can think of ---------------------------------------------------------------------------------
