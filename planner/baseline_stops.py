@@ -6,6 +6,7 @@ by a shortest tour. This is decided before any UAV is routed and never revised: 
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -37,51 +38,58 @@ class Group:
     tasks: tuple[tuple[int, ...], ...]
 
 
-def make_groups(problem: Problem, *, every_site: bool = False) -> list[Group]:
+def make_groups(
+    problem: Problem,
+    exclude_uavs: Collection[int] = (),
+    exclude_ugvs: Collection[int] = (),
+    *,
+    every_site: bool = False,
+) -> list[Group]:
     """Stops, tours and tasks of all UGVs; UAVs are shared out evenly.
 
     Args:
         problem: the problem.
+        exclude_uavs: indices of UAVs that take no part.
+        exclude_ugvs: indices of UGVs that take no part.
         every_site: stop at every path point that is the nearest one to a task, instead of at the fewest.
     """
     a = arrays_of(problem)
-    n_ugvs = len(problem.ugvs)
+    uavs = [u for u in range(len(problem.uavs)) if u not in exclude_uavs]
+    ugvs = [g for g in range(len(problem.ugvs)) if g not in exclude_ugvs]
     todo = [int(m) for m in np.flatnonzero(~problem.visited)]
-    everybody = tuple(range(len(problem.uavs)))
-    if n_ugvs == 0:
-        return [Group(None, everybody, (problem.depot_index,), (tuple(todo),))]
-    away = a.dist[: problem.n_tasks, problem.n_tasks :][todo]  # (tasks, sites) in m
-    reach = _half_range_m(problem)
-    chosen = sorted(set(away.argmin(axis=1).tolist())) if every_site and todo else _cover(problem, away, reach)
-    nearest = [chosen[int(i)] for i in away[:, chosen].argmin(axis=1)] if todo else []
+    if not uavs or not todo:
+        return []
+    if not ugvs:
+        return [Group(None, tuple(uavs), (problem.depot_index,), (tuple(todo),))]
+    away = a.dist[: problem.n_tasks, problem.n_tasks : problem.n_tasks + len(problem.sites)][todo]  # (tasks, sites)
+    if every_site:
+        chosen = sorted(set(away.argmin(axis=1).tolist()))
+    else:
+        chosen = _cover(problem, ugvs, away, _half_range_m(problem, uavs))
+    nearest = [chosen[int(i)] for i in away[:, chosen].argmin(axis=1)]
     served = {p: tuple(m for m, q in zip(todo, nearest, strict=True) if q == p) for p in chosen}
-    leg_s = {p: 2.0 * float(sum(a.dist[m, problem.n_tasks + p] for m in served[p])) for p in chosen}
-    speed = problem.uavs[0].speed_mps
-    shares = {g: [u for u in everybody if u % n_ugvs == g] for g in range(n_ugvs)}
-    work = {p: leg_s[p] / speed for p in chosen}
-    routes = _tours(problem, chosen, work, {g: max(1, len(us)) for g, us in shares.items()})
-    groups = []
-    for g in range(n_ugvs):
-        stops = routes[g]
-        groups.append(Group(g, tuple(shares[g]), stops, tuple(served[p] for p in stops)))
-    return groups
+    speed = problem.uavs[uavs[0]].speed_mps
+    work = {p: 2.0 * float(sum(a.dist[m, problem.n_tasks + p] for m in served[p])) / speed for p in chosen}
+    shares = {g: tuple(uavs[k :: len(ugvs)]) for k, g in enumerate(ugvs)}
+    routes = _tours(problem, chosen, work, {g: max(1, len(mine)) for g, mine in shares.items()})
+    return [Group(g, shares[g], routes[g], tuple(served[p] for p in routes[g])) for g in ugvs]
 
 
-def _half_range_m(problem: Problem) -> float:
+def _half_range_m(problem: Problem, uavs: list[int]) -> float:
     ranges = []
-    for u in problem.uavs:
+    for u in (problem.uavs[i] for i in uavs):
         usable = u.capacity_j - u.reserve_j - u.hover_w * u.service_s
         ranges.append(0.5 * usable / u.cruise_w * u.speed_mps)
     return min(ranges)
 
 
-def _cover(problem: Problem, away: NDArray[np.float64], reach_m: float) -> list[int]:
+def _cover(problem: Problem, ugvs: list[int], away: NDArray[np.float64], reach_m: float) -> list[int]:
     """The fewest stops within ``reach_m`` of every task, then the nearest ones; at least one a UGV.
 
     Sites at which a UGV stands already cost no stop. A task out of reach of all sites does not count.
     """
     n_tasks, n_sites = away.shape
-    free = {s for s in arrays_of(problem).site0.tolist() if s < n_sites}
+    free = {int(arrays_of(problem).site0[g]) for g in ugvs}
     m = cp_model.CpModel()
     stop = [m.new_bool_var("") for _ in range(n_sites)]
     costs = [(0 if p in free else STOP_COST) * stop[p] for p in range(n_sites)]
@@ -92,7 +100,7 @@ def _cover(problem: Problem, away: NDArray[np.float64], reach_m: float) -> list[
         for p, literal in mine.items():
             m.add_implication(literal, stop[p])
             costs.append(round(float(away[k, p])) * literal)
-    m.add(sum(stop) >= min(len(problem.ugvs), n_sites))
+    m.add(sum(stop) >= min(len(ugvs), n_sites))
     m.minimize(sum(costs))
     solver = cp_model.CpSolver()
     solver.parameters.num_workers = 1

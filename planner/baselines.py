@@ -14,6 +14,7 @@ stop at every path point that is nearest to a task.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from typing import Any
 
 from planner.arrays import arrays_of
@@ -24,10 +25,20 @@ from planner.order import canonical
 from planner.plan import Action, Move, Plan, Recharge, Visit
 from planner.problem import Problem
 from planner.schedule import evaluate
+from planner.search import Options as SearchOptions
 from planner.solve import Method, Params, Result, Stop
 
 METAHEURISTICS = {"gls": "GUIDED_LOCAL_SEARCH", "ts": "TABU_SEARCH", "sa": "SIMULATED_ANNEALING"}
 LEAST_S = 0.02  # of one routing model
+
+
+@dataclass(frozen=True, slots=True)
+class _Options:
+    solve_s: float | None = None
+    meet: bool = True
+    every_site: bool = False
+    exclude_uavs: frozenset[int] = frozenset()
+    exclude_ugvs: frozenset[int] = frozenset()
 
 
 def baseline(name: str) -> Method:
@@ -48,33 +59,39 @@ def _plan(name: str, problem: Problem, stop: Stop, params: Params) -> Result:
     Raises:
         PlannerError: for an unknown option.
     """
-    solve_s, meet, every_site = _read(name, params.options)
+    given = _read(name, params.options)
     actions: list[Action] = []
-    groups = make_groups(problem, every_site=every_site)
+    groups = make_groups(problem, given.exclude_uavs, given.exclude_ugvs, every_site=given.every_site)
     weight = sum(1 + len(tasks) for group in groups for tasks in group.tasks)
     solved = 0
     for group in groups:
         for k in range(len(group.stops)):
-            limit_s = solve_s
+            limit_s = given.solve_s
             if limit_s is None and stop.time_s is not None:
                 limit_s = max(LEAST_S, stop.time_s * (1 + len(group.tasks[k])) / weight)
-            actions += _stop_actions(problem, actions, group, k, METAHEURISTICS[name], limit_s, stop.iterations, meet)
+            actions += _stop_actions(
+                problem, actions, group, k, METAHEURISTICS[name], limit_s, stop.iterations, given.meet
+            )
             solved += 1
     ordered = canonical(problem, actions)
-    return Result(Plan(ordered, evaluate(problem, ordered), name), solved, 0.0)
+    schedule = evaluate(problem, ordered, exclude_uavs=given.exclude_uavs, exclude_ugvs=given.exclude_ugvs)
+    return Result(Plan(ordered, schedule, name), solved, 0.0)
 
 
-def _read(name: str, options: Mapping[str, Any]) -> tuple[float | None, bool, bool]:
-    if unknown := sorted(set(options) - {"solve_s", "meet", "every_site"}):
-        raise PlannerError(f"method {name!r} has no option {unknown[0]!r}; there are solve_s, meet, every_site")
+def _read(name: str, options: Mapping[str, Any]) -> _Options:
+    known = [f.name for f in fields(_Options)]
+    if unknown := sorted(set(options) - {*known, "allow_partial"}):
+        raise PlannerError(f"method {name!r} has no option {unknown[0]!r}; there are {', '.join(known)}")
     value = options.get("solve_s")
     if value is not None and (type(value) not in (int, float) or not 0 < value < float("inf")):
         raise PlannerError(f"option solve_s is {value!r}; give a number of seconds above 0")
-    flags = {"meet": options.get("meet", True), "every_site": options.get("every_site", False)}
-    for key, flag in flags.items():
-        if not isinstance(flag, bool):
-            raise PlannerError(f"option {key} is {flag!r}; give true or false")
-    return value, flags["meet"], flags["every_site"]
+    for key in ("meet", "every_site", "allow_partial"):
+        if not isinstance(options.get(key, True), bool):
+            raise PlannerError(f"option {key} is {options[key]!r}; give true or false")
+    # Leaving out what does not fit is what they do anyhow.
+    rest = {k: v for k, v in options.items() if k != "allow_partial"}
+    teams = SearchOptions.read({k: v for k, v in options.items() if k in ("exclude_uavs", "exclude_ugvs")})
+    return _Options(**{**rest, "exclude_uavs": teams.exclude_uavs, "exclude_ugvs": teams.exclude_ugvs})
 
 
 def _stop_actions(

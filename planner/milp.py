@@ -37,12 +37,14 @@ class Options:
 
     Attributes:
         exclude_uavs, exclude_ugvs: indices of vehicles that get no action (UAVs among them need no recovery).
+        allow_partial: where no plan visits every task, the search's best that leaves some out, without a bound.
         workers: threads of the solver. With one and a budget of iterations, the same seed gives the same plan.
         start_s: seconds for the search that gives the first plan; None is a share of the time.
     """
 
     exclude_uavs: frozenset[int] = frozenset()
     exclude_ugvs: frozenset[int] = frozenset()
+    allow_partial: bool = False
     workers: int = 1
     start_s: float | None = None
 
@@ -53,16 +55,16 @@ class Options:
         Raises:
             PlannerError: for an unknown option or a wrong value.
         """
-        known = ("exclude_uavs", "exclude_ugvs", "workers", "start_s")
+        known = ("exclude_uavs", "exclude_ugvs", "allow_partial", "workers", "start_s")
         if unknown := sorted(set(options) - set(known)):
             raise PlannerError(f"method 'milp' has no option {unknown[0]!r}; there are {', '.join(known)}")
-        teams = SearchOptions.read({k: v for k, v in options.items() if k in known[:2]})
+        teams = SearchOptions.read({k: v for k, v in options.items() if k in known[:3]})
         workers, start_s = options.get("workers", 1), options.get("start_s")
         if type(workers) is not int or workers < 1:
             raise PlannerError(f"option workers is {workers!r}; give a whole number of at least 1")
         if start_s is not None and (type(start_s) not in (int, float) or not start_s > 0):
             raise PlannerError(f"option start_s is {start_s!r}; give a number of seconds above 0")
-        return cls(teams.exclude_uavs, teams.exclude_ugvs, workers, start_s)
+        return cls(teams.exclude_uavs, teams.exclude_ugvs, teams.allow_partial, workers, start_s)
 
 
 def milp(problem: Problem, stop: Stop, seed: int, params: Params) -> Result:
@@ -76,8 +78,11 @@ def milp(problem: Problem, stop: Stop, seed: int, params: Params) -> Result:
     begun = time.perf_counter()
     options = Options.read(params.options)
     teams = {"exclude_uavs": options.exclude_uavs, "exclude_ugvs": options.exclude_ugvs}
-    first = search(problem, _start_stop(stop, options), seed, Params("search", params.start, teams))
+    given = {**teams, "allow_partial": options.allow_partial}
+    first = search(problem, _start_stop(stop, options), seed, Params("search", params.start, given))
     plan = first.plan
+    if options.allow_partial and not plan.feasible:
+        return first
     data = Data.of(
         problem, options.exclude_uavs, options.exclude_ugvs, plan.makespan_s if plan.feasible else float("inf")
     )

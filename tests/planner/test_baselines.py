@@ -12,6 +12,7 @@ from planner.baseline_routing import Around, Start, route
 from planner.baseline_stops import make_groups
 from planner.errors import PlannerError
 from planner.instances import DATA_SETS, data_set
+from planner.midway import midway
 from planner.plan import Move, Recharge, Visit
 from planner.presets import preset, random_roads
 from planner.problem import Problem, Uav, Ugv
@@ -120,6 +121,27 @@ def test_infeasible_is_stated() -> None:
     assert not plan.feasible and plan.schedule.violation == "task 0 is not visited"
     alone = Problem((0, 0), [(3_000.0, 0.0), (100.0, 0.0)], [], [[0.0]], (Uav("u", (0, 0)),), ())
     assert solve(alone, Stop(time_s=0.3), 0, Params("sa")).plan.feasible
+
+
+def test_lost_vehicles_get_no_action() -> None:
+    problem = preset("T15-P5", (4, 2), 1)
+    options = {"exclude_uavs": (0, 2), "exclude_ugvs": {1}, "allow_partial": True}
+    plan = solve(problem, Stop(time_s=0.8), 0, Params("ts", options=options)).plan
+    assert plan.feasible
+    assert Reference(problem, list(plan.actions), no_uavs=(0, 2), no_ugvs=(1,)).violation() is None
+    nobody = solve(problem, Stop(time_s=0.5), 0, Params("ts", options={"exclude_uavs": (0, 1, 2, 3)})).plan
+    assert nobody.actions == ()
+    alone = solve(problem, Stop(time_s=0.5), 0, Params("ts", options={"exclude_ugvs": (0, 1)})).plan
+    assert not any(isinstance(a, Recharge | Move) for a in alone.actions)
+
+
+@pytest.mark.parametrize("team", ["2-1", "4-2"])
+def test_mid_mission_states(team: str) -> None:
+    for index in range(3):
+        later, _ = midway(data_set(f"T15-P5_{team}").instance(index), index)
+        plan = solve(later, Stop(time_s=0.5), 0, Params("gls")).plan
+        ref = Reference(later, list(plan.actions)).violation()
+        assert (ref is None) == plan.feasible
 
 
 def test_time_limits_are_kept() -> None:

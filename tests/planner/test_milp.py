@@ -182,6 +182,9 @@ def test_nothing_to_do_and_nothing_possible() -> None:
     far = replace(problem, tasks=np.array([[90_000.0, 0.0]]), visited=np.zeros(1, bool), ugvs=())
     plan = solve(far, Stop(iterations=100), 0, Params("milp")).plan
     assert not plan.feasible and plan.lower_bound_s is None and plan.gap is None
+    both = replace(far, tasks=np.array([[90_000.0, 0.0], [5_000.0, 900.0]]), visited=np.zeros(2, bool))
+    plan = solve(both, Stop(iterations=1_000), 0, Params("milp", options={"allow_partial": True})).plan
+    assert plan.schedule.violation == "task 0 is not visited" and plan.lower_bound_s is None
 
 
 @pytest.mark.parametrize(
