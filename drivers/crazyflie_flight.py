@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from drivers.crazyflie_bits import Bits
 from drivers.crazyflie_dock import Abort, Brake, Descend, Docking, DockView, Move, Touched
-from drivers.crazyflie_motion import Segment, SetPoint, Stage, brake, plan_leg, rest_to_rest_s
+from drivers.crazyflie_motion import PEAK_SPEED, Segment, SetPoint, Stage, brake, plan_leg, rest_to_rest_s
 from drivers.crazyflie_orders import (
     ArmOrder,
     FlightRules,
@@ -37,6 +37,11 @@ RISEN_M = 0.05
 TRIES = 8
 SLOW_CLOCK = 0.03
 """A vehicle's clock was seen to run up to 3 % slow."""
+BLIND_MPS = 1.0
+"""Greatest speed of a landing without poses, whatever the limits say: the height is what the vehicle's own estimate
+loses first, by its bias times the time squared, so it had better be down soon. It touches down at half of that."""
+BLIND_BELOW_M = 0.5
+"""So far below the ground that landing aims: motors that stop where it believes the ground to be would let it fall."""
 PATIENCE_S = 1.2
 """The end of a take-off or a leg is not worth a brake: its last second is slow."""
 
@@ -61,6 +66,7 @@ class Flight:
         self._yaw_rad = 0.0
         self._docking: Docking | None = None
         self._final = False  # the motion under way ends with the motors off
+        self._blind = False  # and is a landing without poses
         self._since_s = 0.0
         self._flew_s = -math.inf
         self._disarm = False
@@ -439,9 +445,12 @@ class Flight:
         sp = self._here(seen)
         if not self._final:
             if sp.resting:
-                self._descend(seen.ground_m, self.goal.speed_mps, sp, seen.now_s)
+                self._come_down(self.goal, sp, seen)
             return
         position = seen.position_m
+        if self._blind == seen.seen and seen.now_s < self._segment.end_s:  # poses have gone, or come back
+            self._come_down(self.goal, SetPoint(position) if seen.seen and position is not None else sp, seen)
+            return
         if seen.now_s > self._segment.end_s + 0.4:
             if position is None or position[2] < self._segment.end_m[2] + DOWN_M:
                 self._down(seen)
@@ -451,12 +460,26 @@ class Flight:
         if self._astray(seen) and position is not None:
             self._descend(seen.ground_m, self.goal.speed_mps, SetPoint(position), seen.now_s)
 
+    def _come_down(self, command: Land, sp: SetPoint, seen: Seen) -> None:
+        """Begins the descent of a landing from ``sp``, by motion capture or without it."""
+        self._blind = not seen.seen
+        if not self._blind:
+            self._descend(seen.ground_m, command.speed_mps, sp, seen.now_s)
+            return
+        height_m = seen.ground_m - BLIND_BELOW_M
+        x, y, z = sp.position_m
+        duration_s = max(1.0, PEAK_SPEED * (z - height_m) / BLIND_MPS)
+        self._land(Segment(SetPoint(sp.position_m), (x, y, height_m), duration_s, seen.now_s))
+
     def _descend(self, height_m: float, speed_mps: float, sp: SetPoint, now_s: float, least_s: float = 0.6) -> None:
         end = (sp.position_m[0], sp.position_m[1], height_m)
         duration_s = max(least_s, rest_to_rest_s(sp.position_m, end, speed_mps, self.rules.limits))
-        self._follow(Segment(SetPoint(sp.position_m), end, duration_s, now_s))
+        self._land(Segment(SetPoint(sp.position_m), end, duration_s, now_s))
+
+    def _land(self, segment: Segment) -> None:
+        self._follow(segment)
         self._final = True
-        self._send(LandOrder(height_m, duration_s), now_s)
+        self._send(LandOrder(segment.end_m[2], segment.duration_s), segment.start_s)
 
     def _down(self, seen: Seen) -> None:
         """It stands on the ground: motors off, gate closed until it is armed again."""

@@ -328,6 +328,33 @@ def test_it_lands_on_what_lies_beneath(vehicle: Vehicle) -> None:
     assert vehicle.position[2] == pytest.approx(0.3, abs=0.01)
 
 
+@pytest.mark.parametrize("late_s", [0.0, 1.5])
+def test_without_poses_it_lands_quickly_and_aims_below_the_ground(vehicle: Vehicle, late_s: float) -> None:
+    vehicle.fly()
+    began_s = vehicle.now_s
+    for sees in (late_s > 0.0, False):
+        vehicle.sees = sees
+        vehicle.send(Land("uav0", 0.5))
+        vehicle.run(late_s)
+    took_s = vehicle.until(lambda: vehicle.position[2] <= 0.0)
+    order = vehicle.orders[-1]
+    assert isinstance(order, LandOrder)
+    assert order.height_m < -0.3, "its estimate is off by then: motors off at its zero would let it fall"
+    assert took_s < 3.0
+    assert vehicle.now_s - began_s < 5.0
+    vehicle.until(lambda: vehicle.flight.phase is Phase.GROUND)
+
+
+def test_a_landing_whose_poses_come_back_ends_on_the_ground(vehicle: Vehicle) -> None:
+    vehicle.fly()
+    vehicle.sees = False
+    vehicle.send(Land("uav0", 0.5))
+    vehicle.run(1.0)
+    vehicle.sees = True
+    vehicle.until(lambda: vehicle.flight.phase is Phase.GROUND)
+    assert vehicle.position[2] == pytest.approx(0.0, abs=0.01)
+
+
 # --- lost packets
 
 
