@@ -76,7 +76,7 @@ def plan_with_margin(problem: Problem, margin: float, stop: Stop, seed: int, par
         PlannerError: as ``planner.solve``.
     """
     uavs, ugvs = params.options.get("exclude_uavs", ()), params.options.get("exclude_ugvs", ())
-    plan = solve(with_margin(problem, margin), stop, seed, params).plan
+    plan = first = solve(with_margin(problem, margin), stop, seed, params).plan
     took_s = plan.planning_s or 0.0
     tighter = as_flown(problem), as_flown(problem, docking=False)
     for less in tighter if margin > 0 else tighter[1:]:
@@ -86,7 +86,9 @@ def plan_with_margin(problem: Problem, margin: float, stop: Stop, seed: int, par
         took_s += bare.planning_s or 0.0
         plan = bare if worth(problem, bare, params) > worth(problem, plan, params) else plan
     schedule = evaluate(problem, plan.actions, exclude_uavs=uavs, exclude_ugvs=ugvs)
-    return replace(plan, schedule=schedule, planning_s=took_s)
+    # What was proven of a problem with other reserves does not hold for this one.
+    bound_s = plan.lower_bound_s if margin == 0 and plan is first else None
+    return replace(plan, schedule=schedule, planning_s=took_s, lower_bound_s=bound_s)
 
 
 def worth(problem: Problem, plan: Plan, params: Params) -> tuple[bool, int]:
