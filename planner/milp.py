@@ -36,7 +36,8 @@ class Options:
     """Options of method ``milp``.
 
     Attributes:
-        exclude_uavs, exclude_ugvs: indices of vehicles that get no action (UAVs among them need no recovery).
+        exclude_uavs: indices of UAVs that get no action and need no recovery.
+        exclude_ugvs: indices of UGVs that get no action.
         allow_partial: where no plan visits every task, the search's best that leaves some out, without a bound.
         workers: threads of the solver. With one and a budget of iterations, the same seed gives the same plan.
         start_s: seconds for the search that gives the first plan; None is a share of the time.
@@ -100,11 +101,13 @@ def milp(problem: Problem, stop: Stop, seed: int, params: Params) -> Result:
             add_hint(model, plan.actions, plan.schedule.actions)
         solver = _solver(stop, seed, options, time.perf_counter() - begun)
         status = solver.solve(model.model)
+        if status == cp_model.INFEASIBLE and plan.feasible:  # there is a plan: the presolve is wrong again
+            solver = _solver(stop, seed, options, time.perf_counter() - begun)
+            solver.parameters.cp_model_presolve = False
+            status = solver.solve(model.model)
         if status == cp_model.MODEL_INVALID:
             raise AssertionError(f"the model is wrong: {model.model.validate()}")
         if status == cp_model.INFEASIBLE:
-            if plan.feasible:
-                raise AssertionError("the solver proves that a plan at hand does not exist")
             possible = False
             break
         bound_s = max(bound_s, solver.best_objective_bound / MS)
