@@ -61,6 +61,7 @@ bench: $(VENV)/.dev ## measure: simulation speed, the supervisor's step, the eva
 	@$(BIN)/python -m benchmarks.bench_loop
 	@$(BIN)/python -m benchmarks.bench_planner --time 1 --instances 2
 	@$(BIN)/python -m benchmarks.bench_montecarlo --runs 0
+	@$(BIN)/copcs-deploy benchmark --quick --out runs/benchmark
 	@$(BIN)/python -m benchmarks.bench_latency
 
 clean: ## remove the environment, caches and the demo's run folder
