@@ -92,7 +92,8 @@ class Found:
 class _Routes:
     """The model; UAVs of one group are taken to be alike.
 
-    Nodes: tasks, then copies of the stop for recharging, then each UAV's start, then the common end."""
+    Nodes: tasks, then copies of the stop for recharging, then each UAV's start, then the common end.
+    """
 
     def __init__(self, problem: Problem, around: Around) -> None:
         self.problem, self.around = problem, around
