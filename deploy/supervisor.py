@@ -27,6 +27,8 @@ from drivers.vehicle import Arm, Command, Disarm, Pose
 from planner.plan import Plan
 
 M = MissionPhase
+WORSE = {EventKind.POSE_STALE: EventKind.POSE_LOST, EventKind.TELEMETRY_STALE: EventKind.LINK_LOST}
+"""What a condition becomes that lasts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -283,7 +285,9 @@ def _tell(
         if finding.kind not in before and armed:
             turn.tell(finding.kind, finding.text, vehicle, action)
     for kind in sorted(before - now - {EventKind.CONFLICT_HELD}):
-        if armed and severity_of(kind) >= Severity.WARNING:
+        # nobody looks after a lost vehicle any more, and what has become worse is not over
+        over = situation is not Situation.GONE and WORSE.get(kind) not in now
+        if armed and over and severity_of(kind) >= Severity.WARNING:
             turn.tell(EventKind.RECOVERED_FROM, f"{kind.value.replace('_', ' ')} is over", vehicle)
     return sorted(actions)
 

@@ -243,6 +243,7 @@ def test_a_lost_pose_lands_it_and_its_landing_ends_without_a_pose() -> None:
     w.blind.add("uav0")
     w.fly(until=phase(0, UavPhase.LANDING))
     assert w.told(K.POSE_LOST, "uav0")[0].action is Action.LAND_HERE
+    assert not w.told(K.RECOVERED_FROM, "uav0"), "a stale pose that is lost now is not over"
     w.fly(limit_s=120)
     assert w.state.over and w.state.uavs[0].phase is UavPhase.DOWN and w.state.uavs[0].out
 
@@ -256,8 +257,10 @@ def test_a_lost_link_is_planned_without() -> None:
     assert w.told(K.LINK_LOST, "uav0")[0].action is Action.LAND_HERE
     w.fly(limit_s=10)
     assert len(w.sent(Land)) >= 4  # it is asked again and again
+    assert not w.told(K.RECOVERED_FROM, "uav0")
     w.mute.clear()
     w.fly()
+    assert [e.text for e in w.told(K.RECOVERED_FROM, "uav0")] == ["link lost is over"]
     assert w.state.over and w.state.uavs[0].phase is UavPhase.DOWN
 
 
@@ -283,6 +286,7 @@ def test_a_uav_neither_seen_nor_heard_is_lost_and_asked_to_land_for_ever() -> No
     asked = len(w.sent(Land, "uav0"))
     w.fly(limit_s=10.0)
     assert len(w.sent(Land, "uav0")) > asked
+    assert not w.told(K.RECOVERED_FROM, "uav0"), "what nobody looks at any more is not over"
     w.mute.clear()  # it can hear again
     w.fly()
     assert w.state.phase is M.DONE and all(w.state.visited)
