@@ -21,7 +21,7 @@ from sim_backends.wire.world import Body
 pytestmark = pytest.mark.wire
 
 QUAD, OTHER, ROVER = "quad1", "quad2", "rover1"
-TASKS = ((-420.0, 180.0), (-230.0, 150.0), (-230.0, 60.0))
+TASKS = ((-350.0, 140.0), (-265.0, 115.0), (-270.0, 75.0))
 PLAN = (Move(ugv=0, path_point=0), Visit(uav=0, task=0), Visit(uav=1, task=1), Visit(uav=1, task=2))
 """quad1 flies away from the others, quad2 the other way, and the rover along its track."""
 ROVER_STOPS_S, OFFBOARD_S = 4.0, 3.0

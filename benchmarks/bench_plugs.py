@@ -1,0 +1,72 @@
+"""How soon the program reacts when a plug is pulled in the air, over the real protocols.
+
+    python -m benchmarks.bench_plugs [--out benchmarks/results/plugs.json]
+
+Runs the tests ``tests/deploy/test_wire_plugs_*.py``: flights in real time against simulated endpoints (CRTP over UDP,
+ROS 2, MAVLink, NatNet), whose processes run on the same machine. Times are from the moment the plug is pulled to the
+turn of the loop in which the reaction was seen; ``late_s`` is the most that the loop was late meanwhile.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+TESTS = ("tests/deploy/test_wire_plugs_lab.py", "tests/deploy/test_wire_plugs_field.py")
+
+
+def measured() -> tuple[list[dict[str, Any]], bool, float]:
+    """Runs the tests; returns what they wrote, whether they passed, and how long they took in s."""
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder) / "plugs.jsonl"
+        target.touch()
+        begun_s = time.monotonic()
+        done = subprocess.run(
+            [sys.executable, "-m", "pytest", "-m", "wire", "-q", *TESTS],
+            cwd=ROOT,
+            env={**os.environ, "COPCS_PLUGS": str(target)},
+            check=False,
+        )
+        took_s = time.monotonic() - begun_s
+        return [json.loads(line) for line in target.read_text().splitlines()], done.returncode == 0, took_s
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """The rows for ``docs/simulation.md``."""
+    lines = ["| Plug | Reaction | Wanted within, s | Measured, s |", "|---|---|---|---|"]
+    for row in rows:
+        plug = row["plug"]
+        for reaction in row["reactions"]:
+            after = "never" if reaction["after_s"] is None else f"{reaction['after_s']:.2f}"
+            lines.append(f"| {plug} | {reaction['what'].replace('_', ' ')} | {reaction['limit_s']:g} | {after} |")
+            plug = ""
+        if "oldest_telemetry_s" in row:
+            lines.append(f"| {plug} | oldest telemetry in any turn; the mission is completed | | "
+                         f"{row['oldest_telemetry_s']:.2f} |")  # fmt: skip
+    return "\n".join(lines)
+
+
+def main() -> int:
+    """Prints the table, and writes the figures where wished."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--out", type=Path, help="JSON file")
+    arguments = parser.parse_args()
+    load = os.getloadavg()[0]
+    rows, passed, took_s = measured()
+    print(table(rows))
+    if arguments.out is not None:
+        result = {"cores": os.cpu_count(), "load_before": round(load, 2), "took_s": round(took_s, 1), "passed": passed}
+        arguments.out.write_text(json.dumps({**result, "plugs": rows}, indent=1) + "\n")
+    return 0 if passed else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
