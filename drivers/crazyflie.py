@@ -26,6 +26,7 @@ from drivers.crazyflie_options import CrazyflieOptions, default_cache
 from drivers.crazyflie_orders import FlightRules, LandOrder, Order, Phase, Seen, StopOrder
 from drivers.crazyflie_senses import MOTION_S, Telemetry, Track, ground_m, pad_m
 from drivers.errors import DriverError
+from drivers.last_will import LastWill
 from drivers.limits import Pads, PoseBook, UavLimits
 from drivers.vehicle import (
     Arm,
@@ -259,6 +260,11 @@ class Crazyflie:
         with self._wake:
             self._pose = pose
             self._wake.notify()
+
+    def last_will(self) -> LastWill:
+        """It lands where it is."""
+        protocol = self._link.protocol if self._link is not None else None
+        return LastWill(self._id, "drivers.crazyflie_will", {"uri": self._uri, "protocol": protocol})
 
     def close(self) -> None:
         """Releases the link; see the class for what the vehicle does then. Again does nothing."""

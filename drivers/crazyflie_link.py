@@ -43,7 +43,8 @@ Answered = Callable[[type[Order], int], None]
 _init_lock = threading.Lock()
 
 
-def _new_crazyflie(cache: Path, udp: bool) -> Cf:
+def load() -> type[Cf]:
+    """Loads cflib and its drivers of links; returns its Crazyflie."""
     with _init_lock:  # importing and registering drivers is not safe in several threads at once
         with warnings.catch_warnings():  # cflib turns on everybody's deprecation warnings when it is imported
             import cflib.crtp  # noqa: PLC0415  slow to import; needed only where a Crazyflie flies
@@ -53,7 +54,57 @@ def _new_crazyflie(cache: Path, udp: bool) -> Cf:
         logging.getLogger("cflib").addHandler(logging.NullHandler())
         if not cflib.crtp.CLASSES:
             cflib.crtp.init_drivers()
-    cf = Crazyflie(rw_cache=str(cache))
+    return Crazyflie  # type: ignore[no-any-return]  # cflib has no types
+
+
+def _packet(port: int, channel: int, data: bytes) -> Any:
+    from cflib.crtp.crtpstack import CRTPPacket  # noqa: PLC0415  as above
+
+    packet = CRTPPacket()
+    packet.set_header(port, channel)
+    packet.data = data
+    return packet
+
+
+class BareLink:
+    """Packets to and from a Crazyflie, nothing more: no tables, no logs, no goodbye.
+
+    Raises:
+        DriverError: when there is no such radio, or another program holds it.
+    """
+
+    def __init__(self, uri: str) -> None:
+        load()
+        import cflib.crtp  # noqa: PLC0415  as above
+
+        self.uri = uri
+        try:
+            self._link: Any = cflib.crtp.get_link_driver(uri, lambda _: None, lambda _: None)
+        except Exception as error:  # cflib raises whatever it likes, Exception itself as well
+            raise DriverError(f"{uri} cannot be opened: {error}") from error
+        if self._link is None:
+            raise DriverError(f"{uri} is no Crazyflie's URI; it begins with radio://, usb:// or udp://")
+
+    def send(self, port: int, channel: int, data: bytes) -> None:
+        """Sends one packet."""
+        self._link.send_packet(_packet(port, channel, data))
+
+    def receive(self, wait_s: float) -> list[tuple[int, int, bytes]]:
+        """Port, channel and data of what has arrived, waiting for the first."""
+        found = []
+        packet = self._link.receive_packet(wait_s)
+        while packet is not None:
+            found.append((int(packet.port), int(packet.channel), bytes(packet.data)))
+            packet = self._link.receive_packet(0)
+        return found
+
+    def close(self) -> None:
+        """Drops it without a packet."""
+        self._link.close()
+
+
+def _new_crazyflie(cache: Path, udp: bool) -> Cf:
+    cf = load()(rw_cache=str(cache))
     # no thread of pings: see the top of the file
     cf.link_statistics.latency.start = lambda: None
     cf.link_statistics.latency.stop = lambda: None
@@ -233,15 +284,9 @@ class CrazyflieLink:
 
     def _raw(self, port: int, channel: int, data: bytes) -> None:
         """Sends past cflib's lock, in which its own threads may hang."""
-        from cflib.crtp.crtpstack import CRTPPacket  # noqa: PLC0415  as above
-
         link = self._cf.link
-        if link is None:
-            return
-        packet = CRTPPacket()
-        packet.set_header(port, channel)
-        packet.data = data
-        link.send_packet(packet)
+        if link is not None:
+            link.send_packet(_packet(port, channel, data))
 
     def send(self, order: Order) -> None:
         """Sends an order of the flight."""

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+
+Argument = str | int | float | bool | None
+Arguments = Mapping[str, Argument]
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,9 +17,10 @@ class LastWill:
         vehicle: its id.
         module: a module of ``drivers`` with ``carry_out(arguments, height_m, deadline_s) -> str``, which opens its own
             link, brings the vehicle down (or stops it) by ``deadline_s`` on ``time.monotonic()``, and says what it did.
+            Where it has a ``prepare()``, that loads before the flight what takes long to load.
         arguments: what that function needs, JSON types only.
     """
 
     vehicle: str
     module: str
-    arguments: dict[str, str | int | float | bool | None] = field(default_factory=dict)
+    arguments: dict[str, Argument] = field(default_factory=dict)

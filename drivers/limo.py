@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from drivers import limo_status
 from drivers.clock import Clock
 from drivers.errors import DriverError
+from drivers.last_will import LastWill
 from drivers.limits import PoseBook, UgvLimits
 from drivers.limo_checks import Seen, checks
 from drivers.pursuit import STILL, Mode, Motion, Pursuit, Tuning, carried_on
@@ -357,6 +358,13 @@ class Limo:
         self._book.put(pose)
         if pose.body == self._body:
             self._pose = pose
+
+    def last_will(self) -> LastWill:
+        """It is told to stop."""
+        domain = self._options.domain if self._ros is None else self._ros.domain
+        stop_mps, _, _ = self._twist(STILL)
+        arguments = {"namespace": self._namespace, "domain": domain, "stop_mps": stop_mps}
+        return LastWill(self._id, "drivers.limo_will", arguments)
 
     def close(self) -> None:
         """Stops it and leaves the domain."""

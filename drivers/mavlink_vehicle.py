@@ -19,6 +19,7 @@ from drivers import mavlink_words as w
 from drivers.clock import Clock
 from drivers.errors import DriverError
 from drivers.geodesy import GeoFrame
+from drivers.last_will import Argument, LastWill
 from drivers.limits import PoseBook
 from drivers.mavlink_checks import Shown, findings
 from drivers.mavlink_commands import Desk, Request, request
@@ -199,6 +200,16 @@ class MavlinkVehicle:
             lost=link.lost(self._sysid),
         )
         return tuple(findings(shown))
+
+    def last_will(self) -> LastWill:
+        """Its autopilot lands or holds it."""
+        o = self._options
+        key = None if o.signing_key_file is None else str(o.signing_key_file.absolute())
+        arguments: dict[str, Argument] = {
+            "endpoint": self._endpoint, "sysid": self._sysid, "system_id": o.system_id,
+            "component_id": o.component_id, "baud": o.baud, "signing_key_file": key,
+        }  # fmt: skip
+        return LastWill(self._id, "drivers.mavlink_will", arguments)
 
     def close(self) -> None:
         """Leaves the link and sends nothing: what the vehicle then does is its own failsafe's."""

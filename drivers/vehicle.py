@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
+from drivers.last_will import LastWill
+
 Kind = Literal["uav", "ugv"]
 Vec2 = tuple[float, float]
 Vec3 = tuple[float, float, float]
@@ -190,6 +192,13 @@ class Vehicle(Protocol):
 
     def feed_pose(self, pose: Pose) -> None:
         """Hands a fresh motion-capture pose to the vehicle's own estimator, where it has one."""
+        ...
+
+    def last_will(self) -> LastWill | None:
+        """What the guardian process does for it when this program dies; None where it dies with the program.
+
+        Asked for once, when the vehicle is connected.
+        """
         ...
 
     def close(self) -> None:

@@ -290,6 +290,9 @@ class KinematicVehicle:
         if self._connected and self.kind == "uav":
             self._world.feed(self._b, pose)
 
+    def last_will(self) -> None:
+        """None: a simulated body ends with the program."""
+
     def close(self) -> None:
         """Releases the link; again does nothing."""
         self._connected = False

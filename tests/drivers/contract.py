@@ -6,6 +6,8 @@ here knows what is behind it: time passes only through the clock, vehicles show 
 
 from __future__ import annotations
 
+import importlib
+import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -158,6 +160,14 @@ class CommonContract:
         harness.wait(0.5)
         first = harness.poses.read()
         assert not {(p.body, p.stamp_s) for p in first} & {(p.body, p.stamp_s) for p in harness.poses.read()}
+
+    def test_its_last_will_can_be_told_to_another_process(self, harness: Harness, vehicle_id: str) -> None:
+        will = harness.vehicles[vehicle_id].last_will()
+        if will is None:
+            return  # it ends with this program
+        assert will.vehicle == vehicle_id
+        assert json.loads(json.dumps(will.arguments)) == will.arguments
+        assert callable(importlib.import_module(will.module).carry_out)
 
     def test_self_checks_are_sound_and_arm_nothing(self, harness: Harness, vehicle_id: str) -> None:
         findings = harness.vehicles[vehicle_id].self_checks()

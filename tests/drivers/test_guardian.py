@@ -70,6 +70,7 @@ def test_a_station_that_hangs_leaves_its_will(tmp_path: Path) -> None:
     process.send_signal(signal.SIGSTOP)
     try:
         assert wait_for(tmp_path / "cf1") == "0.6"
+        assert process.wait(5.0) == -signal.SIGKILL, "it must not wake up and fly on"
     finally:
         process.kill()
         process.wait()
@@ -77,16 +78,55 @@ def test_a_station_that_hangs_leaves_its_will(tmp_path: Path) -> None:
 
 
 @pytest.mark.wire
-def test_a_farewell_does_nothing(tmp_path: Path) -> None:
+def test_a_farewell_with_everybody_down_does_nothing(tmp_path: Path) -> None:
     guardian = Guardian([LastWill("cf1", "tests.drivers.note_taker", {"file": str(tmp_path / "cf1")})])
     pid = guardian.pid
     assert pid is not None
     guardian.tell({"cf1": 1.0}, 0.0)
-    guardian.dismiss()
-    guardian.dismiss()
+    guardian.tell({}, 0.1)
+    guardian.close()
+    guardian.close()
+    guardian.wait()
     assert gone(pid)
     assert guardian.pid is None
     assert not (tmp_path / "cf1").exists()
+
+
+@pytest.mark.wire
+def test_the_end_of_a_flight_with_somebody_in_the_air_leaves_the_will(tmp_path: Path) -> None:
+    guardian = Guardian([LastWill("cf1", "tests.drivers.note_taker", {"file": str(tmp_path / "cf1")})])
+    guardian.tell({"cf1": 1.5}, 0.0)
+    guardian.close()
+    guardian.wait()
+    assert (tmp_path / "cf1").read_text() == "1.5"
+    assert guardian.pid is None
+
+
+@pytest.mark.wire
+def test_signals_are_the_stations_to_handle(tmp_path: Path) -> None:
+    process, guardian = station(tmp_path, 60.0)
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
+        os.kill(guardian, number)
+    process.kill()
+    process.wait()
+    assert wait_for(tmp_path / "cf1") == "0.6"
+    assert gone(guardian)
+
+
+@pytest.mark.wire
+def test_telling_never_blocks_and_costs_next_to_nothing(tmp_path: Path) -> None:
+    guardian = Guardian([], say=lambda _: None)
+    pid = guardian.pid
+    assert pid is not None
+    os.kill(pid, signal.SIGSTOP)
+    begun_s, turns = time.perf_counter(), 5000
+    for turn in range(turns):
+        guardian.tell({"cf1": 1.0, "cf2": 1.0}, turn * 1.0)  # each of them is sent
+    each_s = (time.perf_counter() - begun_s) / turns
+    print(f"one message to the guardian: {1e6 * each_s:.1f} us")
+    assert each_s < 1e-4
+    assert guardian.lost is not None, "its pipe was full"
+    assert gone(pid), "it must not wake up and take the silence for our death"
 
 
 @pytest.mark.wire
@@ -96,7 +136,7 @@ def test_nobody_under_way_needs_no_will(tmp_path: Path) -> None:
     assert pid is not None
     guardian.tell({"cf1": 1.0}, 0.0)
     guardian.tell({}, 1.0)
-    os.close(guardian._process.stdin.fileno())  # type: ignore[union-attr]  # as when the station is killed
+    os.close(guardian._pipe.fileno())  # as when the station is killed
     assert gone(pid)
     assert not (tmp_path / "cf1").exists()
 
@@ -110,5 +150,6 @@ def test_a_dead_guardian_is_a_warning_and_no_crash(caplog: pytest.LogCaptureFixt
     assert gone(pid)
     for turn in range(3):
         guardian.tell({"cf1": 1.0}, float(turn))
-    assert "guardian process has died" in caplog.text
-    guardian.dismiss()
+    assert caplog.text.count("guardian process has died") == 1
+    guardian.close()
+    guardian.wait()
