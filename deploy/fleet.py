@@ -10,9 +10,11 @@ from dataclasses import dataclass, field
 
 from deploy.display import Display, NullDisplay
 from deploy.feeding import PoseFeeder
+from deploy.guard import wills_of
 from deploy.startup import POSES, connect_all
 from drivers.clock import Clock
 from drivers.errors import DriverError
+from drivers.guardian import Guardian
 from drivers.vehicle import PoseSource, SelfCheck, Vehicle
 from sim_backends.truth import Truth
 
@@ -54,6 +56,7 @@ class Fleet:
     trouble: Callable[[], str | None] = lambda: None
     end: Callable[[], None] = lambda: None
     _feeder: PoseFeeder | None = None
+    _guardian: Guardian | None = None
 
     def connect(self, deadline_s: float | None = None, display: Display | None = None) -> dict[str, str]:
         """Connects motion capture and every vehicle; real ones are fed with poses from then on until ``hand_over``.
@@ -97,9 +100,21 @@ class Fleet:
             self._feeder.stop()
             self._feeder = None
 
+    def guarded(self, say: Callable[[str], None]) -> Guardian | None:
+        """Starts the process that brings everybody down when this one dies; none for bodies that die with it.
+
+        Args:
+            say: told when nobody guards any more.
+        """
+        if not self.virtual:
+            self._guardian = Guardian(wills_of(self.vehicles), say=say)
+        return self._guardian
+
     def close(self) -> None:
         """Releases every link and ends every process; call it when everybody is down. A link that hangs is left."""
         self.hand_over()
+        if self._guardian is not None:
+            self._guardian.close()  # with somebody still under way it takes over here
         everybody: tuple[Vehicle | PoseSource, ...] = (*self.vehicles.values(), self.poses)
         if self.virtual:
             for who in everybody:
@@ -111,6 +126,8 @@ class Fleet:
             end_s = time.monotonic() + CLOSE_S
             for thread in threads:
                 thread.join(max(0.0, end_s - time.monotonic()))
+        if self._guardian is not None:
+            self._guardian.wait()
         self.end()
 
 

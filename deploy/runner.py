@@ -10,6 +10,7 @@ from typing import Literal, Protocol
 from deploy import supervisor
 from deploy.events import Event
 from deploy.gate import GateState, judge
+from deploy.guard import Guard, under_way
 from deploy.observation import Observation, OperatorInput, PlanReply, PlanRequest, Refusal
 from deploy.planning import Planner
 from deploy.settings import Settings
@@ -94,6 +95,7 @@ def fly(
     checks_valid_s: float = math.inf,
     limit_s: float = math.inf,
     linger_s: float = 1.0,
+    guard: Guard | None = None,
 ) -> Outcome:
     """Flies the mission to its end. Vehicles and poses are connected; the caller closes them.
 
@@ -110,11 +112,12 @@ def fly(
         checks_valid_s: when the checks expire, on the clock.
         limit_s: give up at this time on the clock: everybody comes down.
         linger_s: keep looking this long after the end, so that the last commands are seen to work.
+        guard: told in each turn who is under way, until everybody is down.
 
     Raises:
         DeployError: when an observer fails. Every vehicle has been told to stop before the exception leaves.
     """
-    loop = _Loop(settings, plan, vehicles, poses, clock, planner, operator, observer, virtual=virtual)
+    loop = _Loop(settings, plan, vehicles, poses, clock, planner, operator, observer, guard, virtual=virtual)
     wishes: list[OperatorInput] = [OperatorInput("checked", plan.digest, checks_valid_s), OperatorInput("arm")]
     try:
         ended_s = math.inf
@@ -155,11 +158,13 @@ class _Loop:
         planner: Planner,
         operator: Wishes,
         observer: Observer,
+        guard: Guard | None,
         *,
         virtual: bool,
     ) -> None:
         self.settings, self.vehicles, self.poses, self.clock = settings, vehicles, poses, clock
         self.planner, self.operator, self.observer, self.virtual = planner, operator, observer, virtual
+        self.guard = guard
         self.state = supervisor.initial(settings, plan)
         self.gate = GateState()
         self.refusals: tuple[Refusal, ...] = ()
@@ -189,6 +194,8 @@ class _Loop:
         verdict = judge(self.settings, self.gate, observation, result.commands)
         self.state, self.gate, self.refusals = result.state, verdict.state, verdict.refused
         self._feed(poses)
+        if self.guard is not None:
+            self.guard.tell(under_way(self.settings, self.state, observation.vehicles), now_s)
         sent = tuple(self.vehicles[c.vehicle].send(c) for c in verdict.accepted)
         if result.request is not None:
             self.planner.submit(result.request, now_s)
@@ -261,7 +268,11 @@ class _Loop:
         while (now_s := self.clock.now()) < limit_s:
             flying = [c for c in down if _flies(self.vehicles[c.vehicle])]
             # a landing takes a moment to show; a UAV may be airborne still, or not yet again
-            if not flying and now_s > begun_s + DOWN_LEAST_S:
+            moving: Sequence[Land | Hold] = flying if now_s > begun_s + DOWN_LEAST_S else [*down, *stop]
+            if self.guard is not None:
+                heights_m = under_way(self.settings, self.state, ())
+                self.guard.tell({c.vehicle: heights_m.get(c.vehicle, 0.0) for c in moving}, now_s)
+            if not moving:
                 return
             if now_s - again_s > self.settings.monitors.command_confirm_s:
                 again_s = now_s

@@ -239,6 +239,8 @@ def _fly(
     )
     recorder = Recorder(folder, meta, mission.settings, drawing_of(mission.geometry))
     watch = Watch(recorder, folder, display)
+    # before anything is armed; it loads what it may need while the planner starts
+    guardian = fleet.guarded(display.note)
     planner = _planner(mission, fleet, display)
     try:
         fleet.hand_over()
@@ -258,8 +260,11 @@ def _fly(
                 checks_valid_s=now_s + valid_s,
                 limit_s=now_s + limit_s,
                 linger_s=linger_s,
+                guard=guardian,
             )
     finally:
+        if guardian is not None:
+            guardian.close()
         display.end()
         planner.close()
         _close(recorder, watch)
