@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
+import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, wait
@@ -166,7 +168,7 @@ class ProcessPlanner:
     def __init__(self, settings: ReplanSettings, extra_delay_s: Callable[[], float] = lambda: 0.0) -> None:
         self._settings, self._extra_delay_s = settings, extra_delay_s
         self._not_before_s = 0.0
-        self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
+        self._pool = _pool()
         self._future: Future[PlanReply] | None = None
         self._number = 0
         self._warm = self._pool.submit(warm_up)
@@ -211,7 +213,23 @@ class ProcessPlanner:
 
     def _restart(self) -> None:
         self._pool.shutdown(wait=False)
-        self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
+        self._pool = _pool()
+
+
+def _pool() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=_end_with_parent)
+
+
+def _end_with_parent() -> None:
+    """In the worker: ends it when this program is killed; by itself it would wait for work for ever."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None  # it is a worker
+
+    def watch() -> None:
+        parent.join()
+        os._exit(0)
+
+    threading.Thread(target=watch, name="end with parent", daemon=True).start()
 
 
 def warm_up() -> None:
