@@ -1,7 +1,8 @@
 """The operator's hand: signals during a flight become wishes that the loop reads, once per turn.
 
 Ctrl-C once brings everybody down (``recover``), twice stops all motors (``stop``). The end of the terminal or of the
-service (SIGHUP, SIGTERM) is a ``recover`` as well: nothing may be left in the air because a shell was closed.
+service (SIGHUP, SIGTERM) is a ``recover`` as well: nothing may be left in the air because a shell was closed. Ctrl-Z
+(SIGTSTP) does nothing: a program that is paused flies nobody.
 """
 
 from __future__ import annotations
@@ -102,6 +103,7 @@ class SignalOperator(QueueOperator):
         self._before[signal.SIGINT] = signal.signal(signal.SIGINT, self._on_interrupt)
         for number in (signal.SIGTERM, signal.SIGHUP):
             self._before[number] = signal.signal(number, self._on_terminate)
+        self._before[signal.SIGTSTP] = signal.signal(signal.SIGTSTP, self._on_pause)
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -130,6 +132,9 @@ class SignalOperator(QueueOperator):
             raise KeyboardInterrupt
         else:
             self.wish("stop")
+
+    def _on_pause(self, number: int, frame: FrameType | None) -> None:
+        self._say("Ctrl-Z is of no use in flight; Ctrl-C brings everybody down")
 
     def _on_terminate(self, number: int, frame: FrameType | None) -> None:
         if "recover" not in self.wished:

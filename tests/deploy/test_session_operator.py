@@ -70,6 +70,15 @@ def test_the_end_of_terminal_or_service_recovers(number: signal.Signals) -> None
         assert wishes(operator) == ["stop"]
 
 
+def test_a_flight_cannot_be_paused() -> None:
+    said: list[str] = []
+    with SignalOperator(said.append) as operator:
+        os.kill(os.getpid(), signal.SIGTSTP)
+        assert wishes(operator) == []
+    assert said == ["Ctrl-Z is of no use in flight; Ctrl-C brings everybody down"]
+    assert signal.getsignal(signal.SIGTSTP) is signal.SIG_DFL
+
+
 def test_wishes_from_another_thread() -> None:
     operator = QueueOperator()
     operator.attach(FakeClock())

@@ -41,7 +41,7 @@ class Clumsy(ScriptedOperator):
 
 
 def test_a_loop_that_breaks_lands_everybody_before_it_closes_the_links(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     fleets: list[Fleet] = []
     real = session.connect
@@ -61,6 +61,7 @@ def test_a_loop_that_breaks_lands_everybody_before_it_closes_the_links(
     monkeypatch.setattr(session, "connect", remember)
     with nothing_left(), pytest.raises(ZeroDivisionError):
         run_mission(small(3), out=tmp_path / "run", backend="sim", sim="wire", operator=Clumsy(8.0))
+    assert "guardian" not in capfd.readouterr().err, "everybody was down; it had nothing to do"
     assert flew == [False], "the links were closed under somebody who flew"
     assert fleets[0].truth is not None
     truth = fleets[0].truth()
@@ -93,6 +94,7 @@ def test_a_lost_terminal_brings_everybody_down(tmp_path: Path) -> None:
     assert "aborted: everybody is down" in said, said
     assert code == 3
     assert "crash" not in said
+    assert "guardian" not in said, "it is the program itself that handles signals"
 
 
 def test_a_fleet_that_cannot_be_reached_is_named_one_by_one(tmp_path: Path) -> None:
