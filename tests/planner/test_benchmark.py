@@ -94,7 +94,7 @@ def test_table_and_plot(tmp_path) -> None:
     assert "| gls | 2000 | - | - | - |" in text  # over feasible plans
     assert "| gls | 1/2, 0.50 s |" in text
     assert "| *paper: CoPCS* | *6618* | *3478* | *3465* | *2614* |" in text
-    assert "1-1: search 50.0 % shorter than the best, gls" in text
+    assert "- published: 1-1 50.0 % (gls)" in text
     assert "1-1: milp proved 1 of 2 optimal, mean gap 5.0 %" in text
     assert "What cannot:" in text and "T45" not in text.split("## T15")[1]
     plot(rows, given, tmp_path / "p.png")
