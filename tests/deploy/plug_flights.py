@@ -35,6 +35,8 @@ CONFIGS = Path(__file__).resolve().parents[2] / "mission_configs"
 ALLOWANCE_S = 0.3
 """What a reaction may take beyond its threshold: two turns of the loop, a period of poses or telemetry, and two busy
 cores. How late the loop itself ran meanwhile comes on top; a monitor of its own watches that."""
+STEADY_S = 2.0
+"""So long after the last word about a plan nobody is turned round by it any more."""
 WARM_S, LIMIT_S = 60.0, 120.0
 Script = Iterator[None]
 
@@ -55,8 +57,20 @@ def mission_of(
 class Expected(Protocol):
     """Something that must follow a pulled plug within ``within_s``."""
 
-    what: str
-    within_s: float
+    @property
+    def what(self) -> str:
+        """What, and of whom."""
+        ...
+
+    @property
+    def label(self) -> str:
+        """What, whoever it is."""
+        ...
+
+    @property
+    def within_s(self) -> float:
+        """The threshold after which it must come."""
+        ...
 
     def seen(self, tick: Tick, bodies: Mapping[str, Body]) -> bool:
         """Whether this turn shows it."""
@@ -73,7 +87,11 @@ class Told:
 
     @property
     def what(self) -> str:
-        return f"{self.kind.value} of {self.vehicle}"
+        return f"{self.label} of {self.vehicle}"
+
+    @property
+    def label(self) -> str:
+        return self.kind.value.replace("_", " ")
 
     def seen(self, tick: Tick, bodies: Mapping[str, Body]) -> bool:
         return any(e.kind is self.kind and e.vehicle == self.vehicle for e in tick.events)
@@ -89,7 +107,11 @@ class Sent:
 
     @property
     def what(self) -> str:
-        return f"{self.command.__name__} to {self.vehicle}"
+        return f"{self.label} to {self.vehicle}"
+
+    @property
+    def label(self) -> str:
+        return self.command.__name__
 
     def seen(self, tick: Tick, bodies: Mapping[str, Body]) -> bool:
         return any(isinstance(c, self.command) and c.vehicle == self.vehicle for c in tick.sent)
@@ -103,6 +125,7 @@ class Asked:
     ugv: int | None
     within_s: float
     what: str = "replan without it"
+    label: str = "replan without it"
 
     def seen(self, tick: Tick, bodies: Mapping[str, Body]) -> bool:
         request = tick.request
@@ -113,10 +136,14 @@ class Asked:
 class Really:
     """An effect in the simulated world, which the ground station does not see."""
 
-    what: str
+    label: str
     vehicle: str
     true: Callable[[Body], bool]
     within_s: float
+
+    @property
+    def what(self) -> str:
+        return f"{self.vehicle} {self.label}"
 
     def seen(self, tick: Tick, bodies: Mapping[str, Body]) -> bool:
         return self.true(bodies[self.vehicle])
@@ -209,6 +236,11 @@ class Flight:
     def moving(self, *vehicles: str) -> bool:
         """Whether these fly or drive, by the ground station and in truth."""
         return all(self.phases.get(v) in ("flying", "driving") and self.bodies[v].speed_mps > 0.1 for v in vehicles)
+
+    def steady(self, *vehicles: str) -> bool:
+        """Whether these move on, and no new plan is about to turn them round: what follows comes of the plug."""
+        plans = [e.time_s for e in self.events if e.kind in (EventKind.PLAN_REQUESTED, EventKind.PLAN_ADOPTED)]
+        return self.moving(*vehicles) and self.now_s > max(plans, default=0.0) + STEADY_S
 
     # --- the observer
 
@@ -313,7 +345,13 @@ def _write(mission: str, flight: Flight) -> None:
             "plug": pull.name,
             "late_s": round(pull.late_s, 3),
             "reactions": [
-                {"what": e.what, "limit_s": e.within_s, "after_s": _rounded(pull.after_s[e.what])}
+                {
+                    "kind": type(e).__name__.lower(),
+                    "label": e.label,
+                    "what": e.what,
+                    "limit_s": e.within_s,
+                    "after_s": _rounded(pull.after_s[e.what]),
+                }
                 for e in pull.expected
             ],
             **{key: round(value, 3) for key, value in pull.notes.items()},

@@ -65,8 +65,8 @@ def links_cut() -> Flight:
             Sent(Land, QUAD, M.pose_lost_s),
             Told(K.LINK_LOST, QUAD, M.link_lost_s),
             Asked(0, None, M.link_lost_s + AGAIN_S),
-            Really(f"{QUAD} stops by its own failsafe", QUAD, hovers, OFFBOARD_S + 5.0),
-            Really(f"{QUAD} is down by its own failsafe", QUAD, down, 60.0),
+            Really("stops by its own failsafe", QUAD, hovers, OFFBOARD_S + 5.0),
+            Really("is down by its own failsafe", QUAD, down, 60.0),
             do=lambda: f.modify([QUAD], lost=True),
         )
         yield from f.until(lambda: f.moving(ROVER) and f.now_s > cut.at_s + M.link_lost_s, 20.0)
@@ -77,7 +77,7 @@ def links_cut() -> Flight:
             Told(K.TELEMETRY_STALE, ROVER, M.telemetry_stale_s),
             Told(K.LINK_LOST, ROVER, M.link_lost_s),
             Asked(None, 0, M.link_lost_s + AGAIN_S),
-            Really(f"{ROVER} stands", ROVER, stands, ROVER_STOPS_S),
+            Really("stands", ROVER, stands, ROVER_STOPS_S),
             do=lambda: f.signal(ROVER, signal.SIGSTOP),
         )
         yield from f.until(lambda: all(p.complete for p in f.pulls.values()), 90.0)

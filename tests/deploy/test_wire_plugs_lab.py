@@ -75,46 +75,46 @@ def poses_fail() -> Flight:
             "motion capture frozen",
             *(Told(K.POSE_FROZEN, v, M.pose_frozen_s) for v in EVERYBODY),
             *(Sent(Hold, v, M.pose_stale_s) for v in EVERYBODY),
-            *(Really(f"{v} hovers", v, still, M.pose_stale_s + BRAKE_S) for v in UAVS),
-            Really(f"{LIMO} stands", LIMO, stands, M.pose_stale_s + BRAKE_S),
+            *(Really("hovers", v, still, M.pose_stale_s + BRAKE_S) for v in UAVS),
+            Really("stands", LIMO, stands, M.pose_stale_s + BRAKE_S),
             do=lambda: f.modify(EVERYBODY, freeze=True),
         )
         yield from f.until(lambda: f.now_s > frozen.at_s + 0.8)
         f.modify(EVERYBODY, freeze=False)
         again = f.pull("motion capture seen again after a freeze", *(Sent(GoTo, v, 2.0) for v in UAVS), do=lambda: None)
         yield from f.after(again)
-        yield from f.until(lambda: f.moving(*UAVS), 5.0)
+        yield from f.until(lambda: f.steady(*UAVS), 5.0)
         swapped = f.pull(
             "two bodies swapped",
             *(Told(K.POSE_SWAP, v, 0.0) for v in UAVS),
             *(Sent(Hold, v, 0.0) for v in UAVS),
-            *(Really(f"{v} hovers", v, still, BRAKE_S) for v in UAVS),
+            *(Really("hovers", v, still, BRAKE_S) for v in UAVS),
             do=lambda: swap(f, *UAVS),
         )
         yield from f.until(lambda: f.now_s > swapped.at_s + 0.8)
         f.modify(UAVS, swap=-1)
         again = f.pull("two bodies swapped back", *(Sent(GoTo, v, 2.0) for v in UAVS), do=lambda: None)
         yield from f.after(again)
-        yield from f.until(lambda: f.moving(*UAVS), 5.0)
+        yield from f.until(lambda: f.steady(*UAVS), 5.0)
         stopped = f.pull(
             "NatNet server stopped for a moment",
             *(Told(K.POSE_STALE, v, M.pose_stale_s) for v in EVERYBODY),
             *(Sent(Hold, v, M.pose_stale_s) for v in UAVS),
-            *(Really(f"{v} hovers", v, still, M.pose_stale_s + BRAKE_S) for v in UAVS),
+            *(Really("hovers", v, still, M.pose_stale_s + BRAKE_S) for v in UAVS),
             do=lambda: f.signal("motion capture", signal.SIGSTOP),
         )
         yield from f.until(lambda: f.now_s > stopped.at_s + 0.7)
         f.signal("motion capture", signal.SIGCONT)
         again = f.pull("NatNet server runs again", *(Sent(GoTo, v, 2.0) for v in UAVS), do=lambda: None)
         yield from f.after(again)
-        yield from f.until(lambda: f.moving(*UAVS), 5.0)
+        yield from f.until(lambda: f.steady(*UAVS), 5.0)
         killed = f.pull(
             "NatNet server killed",
             *(Told(K.POSE_STALE, v, M.pose_stale_s) for v in UAVS),
             *(Sent(Hold, v, M.pose_stale_s) for v in UAVS),
             *(Told(K.POSE_LOST, v, M.pose_lost_s) for v in UAVS),
             *(Sent(Land, v, M.pose_lost_s) for v in UAVS),
-            *(Really(f"{v} is down", v, down, M.pose_lost_s + BLIND_S) for v in UAVS),
+            *(Really("is down", v, down, M.pose_lost_s + BLIND_S) for v in UAVS),
             do=lambda: f.signal("motion capture", signal.SIGKILL),
         )
         yield from f.after(killed)
@@ -169,7 +169,7 @@ def vehicles_fail() -> Flight:
             do=lambda: f.signal(LIMO, signal.SIGKILL),
         )
         yield from f.after(limo)
-        yield from f.until(lambda: f.moving(*UAVS), 10.0)
+        yield from f.until(lambda: f.steady(*UAVS), 10.0)
         killed = f.pull(
             "Crazyflie server killed",
             # its port is closed at once, which the operating system tells; a radio's link is lost by its silence
@@ -180,15 +180,15 @@ def vehicles_fail() -> Flight:
             do=lambda: f.signal("cf1", signal.SIGKILL),
         )
         yield from f.after(killed)
-        yield from f.until(lambda: f.moving("cf2"), 10.0)
+        yield from f.until(lambda: f.steady("cf2"), 10.0)
         silent = f.pull(
             "Crazyflie silent",
             Told(K.TELEMETRY_STALE, "cf2", M.telemetry_stale_s),
             Sent(Hold, "cf2", M.telemetry_stale_s),
-            Really("cf2 hovers", "cf2", still, M.telemetry_stale_s + BRAKE_S),
+            Really("hovers", "cf2", still, M.telemetry_stale_s + BRAKE_S),
             Told(K.LINK_LOST, "cf2", M.link_lost_s),
             Sent(Land, "cf2", M.link_lost_s),
-            Really("cf2 is down", "cf2", down, M.link_lost_s + DOWN_S),
+            Really("is down", "cf2", down, M.link_lost_s + DOWN_S),
             do=lambda: f.modify(["cf2"], silent=True),
         )
         yield from f.after(silent)
