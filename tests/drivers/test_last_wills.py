@@ -9,16 +9,25 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
+from pymavlink import mavutil
 
+from drivers.clock import RealClock
 from drivers.crazyflie_will import duration_s
 from drivers.errors import DriverError
 from drivers.last_will import LastWill
+from drivers.limits import PoseBook, UgvLimits
+from drivers.limo import TINY_MPS, Limo, LimoOptions
+from drivers.mavlink_options import MavlinkOptions
 from drivers.vehicle import Arm, Drive
 from sim_backends.wire.world import Body, World
 from tests.drivers.crazyflie_lab import MakeLab, labs_in, ready
 from tests.drivers.mavlink_team import Team, team
+
+KEY = bytes(range(32))
+LOITER = 5
 
 
 def carried_out(will: LastWill | None, height_m: float, timeout_s: float = 30.0) -> Future[str]:
@@ -45,6 +54,18 @@ def body(world: World, vehicle: str) -> Body:
 
 def test_a_crazyflie_comes_down_gently_and_soon() -> None:
     assert 1.0 <= duration_s(0.0) < duration_s(1.2) < 4.0
+
+
+def test_an_ackermann_limo_is_never_sent_zeros() -> None:
+    def stop_mps(**options: Any) -> Any:
+        limits, book = UgvLimits(0.5, 0.5), PoseBook()
+        limo = Limo(
+            "ugv0", "/limo1", body="limo1", limits=limits, book=book, clock=RealClock(), options=LimoOptions(**options)
+        )
+        return limo.last_will().arguments["stop_mps"]
+
+    assert stop_mps() == 0.0
+    assert stop_mps(mode="ackermann") == TINY_MPS
 
 
 @pytest.fixture
@@ -92,10 +113,15 @@ def speed(made: Team, vehicle: str) -> float:
 
 
 @pytest.mark.wire
-@pytest.mark.parametrize("kind", ["px4-outdoors", "ardupilot-indoors"])
+@pytest.mark.parametrize("kind", ["px4-outdoors", "ardupilot-indoors-signed"])
 def test_mavlink_vehicles_land_and_hold(tmp_path: Path, kind: str) -> None:
-    autopilot, where = kind.split("-")
-    with team(tmp_path, autopilot, outdoors=where == "outdoors") as made:
+    key = tmp_path / "key"
+    key.write_bytes(KEY)
+    signed = "signed" in kind
+    options = MavlinkOptions(signing_key_file=key) if signed else MavlinkOptions()
+    arguments = ("--signing-key", KEY.hex()) if signed else ()
+    autopilot, outdoors = kind.split("-", maxsplit=1)[0], "outdoors" in kind
+    with team(tmp_path / "world", autopilot, outdoors=outdoors, options=options, arguments=arguments) as made:
         both_move(made)
         wills = {name: v.last_will() for name, v in made.harness.vehicles.items()}
         for vehicle in made.harness.vehicles.values():
@@ -108,3 +134,18 @@ def test_mavlink_vehicles_land_and_hold(tmp_path: Path, kind: str) -> None:
         assert said["ugv0"].result(10.0) == "stands in HOLD"
         assert said["uav0"].result(10.0) == "landed, its motors are off"
         assert not body(made.world, "uav0").armed
+
+
+@pytest.mark.wire
+def test_a_copter_that_a_pilot_steers_is_left_to_the_pilot(tmp_path: Path) -> None:
+    with team(tmp_path, "ardupilot", outdoors=True, vehicles=("uav0",)) as made:
+        made.harness.fly()
+        will = made.uav().last_will()
+        made.uav().close()
+        pilot = mavutil.mavlink_connection(f"udpout:127.0.0.1:{made.ports['uav0']}", source_system=254)
+        try:
+            pilot.mav.set_mode_send(1, 1, LOITER)
+            assert carried_out(will, 1.5).result(10.0) == "a pilot steers it; left alone"
+        finally:
+            pilot.close()
+        assert body(made.world, "uav0").airborne
