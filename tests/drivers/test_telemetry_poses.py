@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import pytest
 
@@ -33,7 +34,7 @@ def test_equal_positions_at_rest_are_told_apart_by_a_micrometre() -> None:
         rover.pose = Pose("rover", (1.0, 2.0, 0.0), 0.3, float(k + 1))
         read += poses.read()
     assert len(read) == 6
-    assert all(a.position_m != b.position_m for a, b in zip(read, read[1:], strict=False))
+    assert all(a.position_m != b.position_m for a, b in pairwise(read))
     assert all(p.position_m == pytest.approx((1.0, 2.0, 0.0), abs=2e-6) for p in read)
 
 
