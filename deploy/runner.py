@@ -196,7 +196,7 @@ class _Loop:
         self._feed(poses)
         if self.guard is not None:
             self.guard.tell(under_way(self.settings, self.state, observation.vehicles), now_s)
-        sent = tuple(self.vehicles[c.vehicle].send(c) for c in verdict.accepted)
+        sent = self._send(verdict.accepted)
         if result.request is not None:
             self.planner.submit(result.request, now_s)
         status = status_of(self.settings, self.state, now_s)
@@ -207,6 +207,19 @@ class _Loop:
         if result.adopted is not None:
             self._tell_plan(result.adopted, observation.plan_reply, result.events)
         self.turns += 1
+
+    def _send(self, commands: Sequence[Command]) -> tuple[Command, ...]:
+        """Sends them all, emergency stops first: a driver that fails keeps nobody else from its command."""
+        sent: dict[int, Command] = {}
+        failure: Exception | None = None
+        for k in sorted(range(len(commands)), key=lambda k: not isinstance(commands[k], StopMotors)):
+            try:
+                sent[k] = self.vehicles[commands[k].vehicle].send(commands[k])
+            except Exception as error:  # raised again when everybody has been told
+                failure = failure or error
+        if failure is not None:
+            raise failure
+        return tuple(sent[k] for k in range(len(commands)))
 
     def _feed(self, poses: Sequence[Pose]) -> None:
         """Hands each vehicle its pose, when the supervisor trusts it: a jump or a swap must not steer anybody."""
@@ -249,13 +262,15 @@ class _Loop:
         Links must not be closed under who flies: in real time it stays, and goes on feeding poses, until everybody
         is down or a landing has had twice its time.
         """
+        ordered = {u.order.command.vehicle: u.order.command for u in self.state.units if u.order is not None}
+        halted = [c for c in ordered.values() if isinstance(c, StopMotors)]  # the failure may have kept it from them
         down = [
             Land(config.id, config.descent_mps)
             for uav, config in zip(self.state.uavs, self.settings.uavs, strict=True)
-            if uav.phase in AIRBORNE and not isinstance(getattr(uav.order, "command", None), StopMotors)
+            if uav.phase in AIRBORNE and not isinstance(ordered.get(config.id), StopMotors)
         ]
         stop = [Hold(road.id) for road in self.settings.ugvs]
-        commands: list[Land | Hold] = [*down, *stop]
+        commands: list[StopMotors | Land | Hold] = [*halted, *down, *stop]
         for command in commands:
             _try_send(self.vehicles[command.vehicle], command)
         if not self.virtual:
