@@ -17,7 +17,7 @@ AT_LEAST_S = 0.5
 TERMINATE_AFTER_S = 0.7
 """Without effect for so long, flight termination is asked for as well."""
 AT_MOST_S = 20.0
-"""Afterwards a vehicle that is armed again is somebody else's business."""
+"""Afterwards a vehicle that is armed again is somebody else's business, until the stop is asked for again."""
 OFF = request("emergency stop", w.ARM_DISARM, 0.0, w.FORCE)
 SHOW = request("heartbeat", w.REQUEST_MESSAGE, w.HEARTBEAT)
 """Its effect shows with a heartbeat, which otherwise comes once a second."""
@@ -43,7 +43,7 @@ class Stop:
 
     def begin(self, now_s: float) -> None:
         """The operator or the supervisor asks for it; again starts anew where it was over."""
-        if self._since_s is None or self.shown:
+        if self._since_s is None or self.shown or now_s - self._since_s > AT_MOST_S:
             self._since_s, self.shown = now_s, False
         self._sent_s = -math.inf
 

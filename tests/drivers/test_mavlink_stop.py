@@ -68,6 +68,23 @@ def test_it_ends_some_time() -> None:
     assert max(t for t, _ in sent(begun(), AT_MOST_S + 5.0)) <= AT_MOST_S + 0.1
 
 
+def test_asked_for_again_after_its_end_it_goes_out_again() -> None:
+    stop = begun()
+    sent(stop, AT_MOST_S + 4.0)
+    again_s = AT_MOST_S + 5.0
+    assert not stop.step(again_s, True, again_s - 0.5, True)
+    stop.begin(again_s)
+    assert OFF in stop.step(again_s, True, again_s - 0.5, True)
+    assert stop.step(again_s + 1.0, True, again_s + 0.5, True)
+
+
+def test_asked_for_again_before_its_end_termination_is_not_put_off() -> None:
+    stop = begun()
+    for k in range(1, 10):
+        stop.begin(k * 0.2)
+    assert TERMINATE in stop.step(1.8, True, 1.0, True)
+
+
 def test_a_reboot_releases() -> None:
     stop = begun()
     sent(stop, 3.0, off_s=0.5)
