@@ -111,7 +111,10 @@ class Flight:
         match command:
             case Arm():
                 self._arm(command, seen)
-            case Disarm() if not self.up and self.phase is not Phase.CONFIRM:
+            case Disarm() | Land() | Hold() if self.phase is Phase.CONFIRM:
+                # it stands on the dock already: whoever wants it down or still must not see it lift off by itself
+                self._down(seen)
+            case Disarm() if not self.up:
                 self._close_gate(seen)
                 self.phase = Phase.GROUND
             case TakeOff():

@@ -541,6 +541,35 @@ def test_without_contact_it_lifts_off(vehicle: Vehicle) -> None:
     climbs_away(vehicle, "charger")
 
 
+@pytest.mark.parametrize("late_s", [0.0, 2.0, 3.5])
+@pytest.mark.parametrize("command", [Disarm("uav0"), Land("uav0", 0.5), Hold("uav0")])
+def test_whoever_waits_for_the_charger_stays_down_when_told_to(
+    vehicle: Vehicle, command: Command, late_s: float
+) -> None:
+    late = late_s > RULES.charge_confirm_s
+    if late:
+        vehicle = Vehicle(brushed=False)  # a brushed one has lifted off by then
+    over_the_pad(vehicle)
+    vehicle.charges_on_pad = False
+    vehicle.send(DOCK_COMMAND)
+    vehicle.until(lambda: vehicle.flight.phase is Phase.CONFIRM)
+    if late:  # it has disarmed itself and hears no request to arm, so it waits on
+        vehicle.armed = False
+        vehicle.deaf = lambda o: o == ArmOrder(True)
+    vehicle.run(late_s)
+    n = vehicle.sent(TakeOffOrder)
+    docked = vehicle.flight.docked
+    vehicle.send(command)
+    vehicle.deaf = lambda _: False
+    vehicle.run(20.0)
+    assert vehicle.flight.phase is Phase.GROUND
+    assert vehicle.flight.docked == docked == (not late)
+    assert vehicle.sent(TakeOffOrder) == n
+    assert math.dist(vehicle.position, PAD) < 0.05
+    assert not vehicle.flight.armed(vehicle.seen().bits)
+    vehicle.fly()  # the supervisor's own answer to a charge that is not confirmed
+
+
 def test_without_charger_telemetry_the_pose_counts(vehicle: Vehicle) -> None:
     over_the_pad(vehicle)
     vehicle.charger = None
