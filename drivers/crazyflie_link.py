@@ -26,7 +26,8 @@ from drivers.vehicle import Pose
 if TYPE_CHECKING:
     from cflib.crazyflie import Crazyflie as Cf
 
-PORT_LOG, PORT_LOCALISATION, PORT_HIGH_LEVEL, PORT_PLATFORM, PORT_LINK = 0x05, 0x06, 0x08, 0x0D, 0x0F
+PORT_LOG, PORT_LOCALISATION, PORT_HIGH_LEVEL, PORT_SUPERVISOR = 0x05, 0x06, 0x08, 0x09
+PORT_PLATFORM, PORT_LINK = 0x0D, 0x0F
 CREATE_BLOCK, APPEND_BLOCK, START_BLOCK, ITEMS_PER_PACKET = 6, 7, 3, 9
 RESEND_S = 0.06
 """cflib repeats a request after 0.2 s; on a network an answer takes some ms, and each of hundreds may get lost."""
@@ -144,6 +145,8 @@ class CrazyflieLink:
         self._udp = uri.startswith("udp:")
         self._cf: Any = _new_crazyflie(cache, self._udp)
         cf = self._cf
+        # orders of the flight go past cflib's lock, too: who hangs there could not stop the motors any more either
+        cf.high_level_commander._send_packet = partial(self._raw, PORT_HIGH_LEVEL, 0)
         self._break = cf._link_error_cb
         cf._link_error_cb = self._broken  # must not run in the thread that holds cflib's send lock
         self._start_setup = cf._start_connection_setup
@@ -295,7 +298,7 @@ class CrazyflieLink:
         hl = self._cf.high_level_commander
         match order:
             case ArmOrder(arm) if self.protocol >= SUPERVISOR_PROTOCOL:
-                self._cf.supervisor.send_arming_request(arm)
+                self._raw(PORT_SUPERVISOR, 1, bytes((ARMING, arm)))
             case ArmOrder(arm):
                 self._raw(PORT_PLATFORM, 0, bytes((ARMING, arm)))
             case TakeOffOrder(height, duration):
@@ -308,11 +311,11 @@ class CrazyflieLink:
                 hl.stop()
 
     def emergency_stop(self) -> None:
-        """Motors off at once; the vehicle locks."""
+        """Motors off at once; the vehicle locks. Past cflib's lock, as poses are."""
         if not self.up:
             return
         if self.protocol >= SUPERVISOR_PROTOCOL:
-            self._cf.supervisor.send_emergency_stop()
+            self._raw(PORT_SUPERVISOR, 1, bytes((EMERGENCY_STOP,)))
         else:
             self._raw(PORT_LOCALISATION, 1, bytes((EMERGENCY_STOP,)))
 
@@ -343,9 +346,11 @@ class CrazyflieLink:
         return None if value is None else str(value)
 
     def ping(self) -> None:
-        """Measures the round trip; ``latency_s`` follows."""
+        """Measures the round trip; ``latency_s`` follows. What cflib's own ``ping`` sends, but past its lock."""
+        from cflib.crazyflie.link_statistics import ECHO_CHANNEL, PING_HEADER  # noqa: PLC0415  as above
+
         if self.up:
-            self._cf.link_statistics.latency.ping()
+            self._raw(PORT_LINK, ECHO_CHANNEL, struct.pack("<Bd", PING_HEADER, time.time()))
 
     def close(self) -> None:
         """Drops the link without a packet: what the vehicle does, it goes on doing."""

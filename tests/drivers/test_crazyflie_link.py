@@ -1,0 +1,78 @@
+"""What the link to a Crazyflie does when cflib does not do its part: its lock held, its errors."""
+
+from __future__ import annotations
+
+import struct
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.crazyflie_link import CrazyflieLink
+from drivers.crazyflie_orders import ArmOrder, GoToOrder, LandOrder, Order, StopOrder, TakeOffOrder
+
+
+class Wire:
+    """Stands where cflib keeps its radio: takes packets down."""
+
+    def __init__(self) -> None:
+        self.sent: list[tuple[int, int, bytes]] = []
+
+    def send_packet(self, packet: Any) -> bool:
+        self.sent.append((packet.port, packet.channel, bytes(packet.data)))
+        return True
+
+    def close(self) -> None: ...
+
+
+def wired(cache: Path, protocol: int = 12) -> tuple[CrazyflieLink, Wire]:
+    link, wire = CrazyflieLink("udp://127.0.0.1:1", cache, lambda *_: None, lambda *_: None), Wire()
+    link._cf.link, link.protocol = wire, protocol
+    return link, wire
+
+
+@pytest.mark.parametrize(("protocol", "packet"), [(12, (9, 1, b"\x03")), (11, (6, 1, b"\x03"))])
+def test_the_emergency_stop_waits_for_no_lock(tmp_path: Path, protocol: int, packet: tuple[int, int, bytes]) -> None:
+    link, wire = wired(tmp_path, protocol)
+    with link._cf._send_lock:  # somebody in cflib hangs there
+        stop = threading.Thread(target=link.emergency_stop, daemon=True)
+        stop.start()
+        stop.join(2.0)
+        assert not stop.is_alive()
+    assert wire.sent == [packet]
+
+
+def test_the_stop_is_the_one_that_cflib_sends(tmp_path: Path) -> None:
+    link, wire = wired(tmp_path)
+    link._cf.platform._protocolVersion = 12
+    link._cf.supervisor.send_emergency_stop()
+    link._cf.supervisor.send_arming_request(True)
+    link.emergency_stop()
+    link.send(ArmOrder(True))
+    assert wire.sent[:2] == wire.sent[2:]
+
+
+@pytest.mark.parametrize(
+    ("order", "port", "start"),
+    [
+        (ArmOrder(True), 9, b"\x01\x01"),
+        (StopOrder(), 8, b"\x03"),
+        (TakeOffOrder(1.0, 2.0), 8, b"\x07\x00" + struct.pack("<f", 1.0)),
+        (LandOrder(0.0, 2.0), 8, b"\x08\x00" + struct.pack("<f", 0.0)),
+        (GoToOrder((1.0, 2.0, 3.0), 0.0, 2.0), 8, b"\x0c"),
+    ],
+)
+def test_orders_and_pings_wait_for_no_lock(tmp_path: Path, order: Order, port: int, start: bytes) -> None:
+    link, wire = wired(tmp_path)
+    link._cf.platform._protocolVersion = 12
+    with link._cf._send_lock:
+        for target, arguments in ((link.send, (order,)), (link.ping, ())):
+            sender = threading.Thread(target=target, args=arguments, daemon=True)
+            sender.start()
+            sender.join(2.0)
+            assert not sender.is_alive()
+    (sent_port, _, data), ping = wire.sent
+    assert ping[:2] == (15, 0)
+    assert sent_port == port
+    assert data.startswith(start)
