@@ -398,8 +398,10 @@ def connect(
         try:
             link.open(deadline_s, answer_s, fast_ms, slow_ms)
             return link
-        except DriverError as error:
-            cause = (str(error),)
+        except Exception as error:  # cflib raises whatever it likes, and would keep its radio and its threads
+            known = isinstance(error, DriverError)
+            words = f"cflib failed with {type(error).__name__} ({error}); restart the vehicle and try again"
+            cause = (str(error) if known else words,)
             # closing may block where opening does
             threading.Thread(target=link.close, name="crazyflie-close", daemon=True).start()
         if time.monotonic() + 0.2 > deadline_s or (stop is not None and stop.wait(0.2)):

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import struct
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from drivers.crazyflie_link import CrazyflieLink
+from drivers.crazyflie_link import CrazyflieLink, connect
 from drivers.crazyflie_orders import ArmOrder, GoToOrder, LandOrder, Order, StopOrder, TakeOffOrder
+from drivers.errors import DriverError
 
 
 class Wire:
@@ -76,3 +78,25 @@ def test_orders_and_pings_wait_for_no_lock(tmp_path: Path, order: Order, port: i
     assert ping[:2] == (15, 0)
     assert sent_port == port
     assert data.startswith(start)
+
+
+def test_whatever_cflib_raises_the_link_is_closed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[CrazyflieLink] = []
+
+    def fail(link: CrazyflieLink, *_: object) -> None:
+        opened.append(link)
+        link._cf.link = Wire()
+        raise AttributeError("no toc")
+
+    monkeypatch.setattr(CrazyflieLink, "open", fail)
+    with pytest.raises(DriverError, match=r"AttributeError \(no toc\); restart"):
+        connect(
+            "udp://127.0.0.1:1", tmp_path, lambda *_: None, lambda *_: None,
+            timeout_s=0.1, answer_s=0.1, fast_ms=50, slow_ms=200,
+        )  # fmt: skip
+    (link,) = opened
+    end_s = time.monotonic() + 2.0
+    while link.lost is None and time.monotonic() < end_s:
+        time.sleep(0.01)
+    assert link.lost == "the link broke: closed"
+    assert link._cf.link is None
