@@ -191,13 +191,14 @@ class Link:
             if self._wake_in >= 0:  # closed, its number may be another file's
                 os.write(self._wake_in, b"x")
 
-    def send(self, sysid: int | None, name: str, *values: Any) -> None:
+    def send(self, sysid: int | None, name: str, *values: Any, urgent: bool = False) -> None:
         """Sends a message to a vehicle, or to all; never blocks.
 
         Args:
             sysid: of the vehicle; None: everybody who was heard.
             name: of the message in small letters.
             values: its fields in the order of the XML.
+            urgent: goes ahead of what the wire still holds.
         """
         message = getattr(mavlink, f"MAVLink_{name}_message")(*values)
         with self._sending:
@@ -206,7 +207,7 @@ class Link:
             # who was never heard may be behind any of the known addresses, or a wire with one end
             known = set(self._peers.values()) or {None}
             for peer in {self._peers[sysid]} if sysid in self._peers else known:
-                self._wire.send(data, peer)
+                self._wire.send(data, peer, urgent)
 
     def lost(self, sysid: int) -> float:
         """Share of the vehicle's packets that did not arrive."""

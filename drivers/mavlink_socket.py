@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import time
 from typing import Any, Protocol
@@ -24,8 +25,8 @@ class Wire(Protocol):
         """Everything that has arrived, with its sender where there are several."""
         ...
 
-    def send(self, data: bytes, peer: Peer) -> None:
-        """Sends, or drops what the wire does not take now."""
+    def send(self, data: bytes, peer: Peer, urgent: bool = False) -> None:
+        """Sends, or drops what the wire does not take now; what is urgent goes ahead of what waits."""
         ...
 
     def close(self) -> None:
@@ -93,7 +94,7 @@ class _UdpIn:
                 return found
             found.append((data, (peer[0], peer[1])))
 
-    def send(self, data: bytes, peer: Peer) -> None:
+    def send(self, data: bytes, peer: Peer, urgent: bool = False) -> None:
         if peer is None:
             return
         try:
@@ -127,7 +128,7 @@ class _UdpOut:
             except OSError:
                 return found
 
-    def send(self, data: bytes, peer: Peer) -> None:
+    def send(self, data: bytes, peer: Peer, urgent: bool = False) -> None:
         try:
             self._socket.sendto(data, self._address)
         except OSError:
@@ -171,7 +172,7 @@ class _Tcp:
                 return found
             found.append((data, None))
 
-    def send(self, data: bytes, peer: Peer) -> None:
+    def send(self, data: bytes, peer: Peer, urgent: bool = False) -> None:
         if self._socket is None:
             return
         try:
@@ -209,8 +210,10 @@ class _Serial:
             import serial  # type: ignore[import-untyped]  # noqa: PLC0415  only serial endpoints need it
         except ImportError as error:
             raise OSError("the package pyserial is missing (pip install pyserial)") from error
-        # write_timeout 0: what the radio does not take at once is dropped, never waited for
-        self._port: Any = serial.Serial(device, baud, timeout=0, write_timeout=0, exclusive=True)
+        self._port: Any = serial.Serial(device, baud, timeout=0, exclusive=True)
+        self._tail = b""
+        self._longest = 0
+        self._urgent = False
 
     def fileno(self) -> int:
         return int(self._port.fileno())
@@ -222,11 +225,33 @@ class _Serial:
             return []
         return [(data, None)] if data else []
 
-    def send(self, data: bytes, peer: Peer) -> None:
+    def send(self, data: bytes, peer: Peer, urgent: bool = False) -> None:
+        # Straight to the descriptor, which pyserial has made non-blocking: its own write goes round and round until a
+        # full port takes everything.
         try:
-            self._port.write(data)
+            if urgent and not self._urgent:
+                self._jump_queue()
+            self._urgent = urgent
+            self._tail = self._tail[self._write(self._tail) :]
+            if not self._tail:
+                self._longest = max(self._longest, len(data))
+                sent = self._write(data)
+                # a packet that has begun must end, or it spoils the next; one that has not is dropped
+                self._tail = data[sent:] if sent else b""
         except OSError:
             return
+
+    def _write(self, data: bytes) -> int:
+        try:
+            return os.write(self._port.fileno(), data) if data else 0
+        except BlockingIOError:
+            return 0
+
+    def _jump_queue(self) -> None:
+        """Throws away what waits; of a packet cut by that the receiver expects the rest, so it gets zeros for it."""
+        if self._tail or self._port.out_waiting:
+            self._port.reset_output_buffer()
+            self._tail = bytes(self._longest)
 
     def close(self) -> None:
         self._port.close()

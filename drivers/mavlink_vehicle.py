@@ -379,7 +379,7 @@ class MavlinkVehicle:
         assert self._dialect is not None
         t = self._telemetry
         for wanted in self._stop.step(now_s, t.armed, t.heartbeat_s, self._dialect.terminates):
-            self._send_command(wanted, 0)
+            self._send_command(wanted, 0, urgent=True)
 
     def on_error(self, error: Exception) -> None:
         """Something of ours failed in the link's thread: told, never fatal to the others."""
@@ -389,14 +389,14 @@ class MavlinkVehicle:
 
     # ------------------------------------------------------------------------------------------- sending
 
-    def _put(self, name: str, *values: Any) -> None:
+    def _put(self, name: str, *values: Any, urgent: bool = False) -> None:
         link = self._link
         if link is not None:
-            link.send(self._sysid, name, *values)
+            link.send(self._sysid, name, *values, urgent=urgent)
 
-    def _send_command(self, wanted: Request, confirmation: int) -> None:
+    def _send_command(self, wanted: Request, confirmation: int, urgent: bool = False) -> None:
         target = (self._sysid, w.AUTOPILOT_COMPONENT)
-        self._put("command_long", *target, wanted.command, confirmation, *wanted.parameters)
+        self._put("command_long", *target, wanted.command, confirmation, *wanted.parameters, urgent=urgent)
 
     def _send_pose(self, pose: Pose) -> None:
         """Motion capture for the estimator; the roll and pitch of a Pose are unknown, autopilots look at the yaw."""
