@@ -85,6 +85,7 @@ class Crazyflie:
         self._dock_rules = DockRules(0.05, o.dock_range_m, o.dock_speed_mps, o.align_s, o.touch_m)
         self._telemetry = Telemetry()
         self._link: CrazyflieLink | None = None
+        self._state_variable = ""
         self._reconnecting: threading.Thread | None = None
         self._flight = Flight(self._flight_rules(False))
         self._gate = EstimatorGate(o.converge_s, o.converge_samples, o.converge_m2, o.converge_timeout_s)
@@ -146,9 +147,9 @@ class Crazyflie:
         self._worker.start()
 
     def state(self) -> VehicleState:
-        """The newest telemetry; ``link`` is down when cflib says so or when the logs have stopped."""
+        """The newest telemetry; ``link`` is down when cflib says so or when its state is no longer logged."""
         link, flight = self._link, self._flight
-        stamp_s, values = self._telemetry.snapshot()
+        stamp_s, (_, values) = self._state_s(), self._telemetry.snapshot()
         bits = bits_of(values)
         fresh = self._clock.now() - stamp_s <= self._options.telemetry_s
         charging = charging_of(values)
@@ -167,6 +168,10 @@ class Crazyflie:
             battery=self._battery.share,
             fault=self._fault(),
         )
+
+    def _state_s(self) -> float:
+        """Receipt of the newest state: that battery or variances still come does not prove that the state does."""
+        return self._telemetry.stamp_of(self._state_variable)
 
     def _fault(self) -> str | None:
         _, values = self._telemetry.snapshot()
@@ -321,6 +326,7 @@ class Crazyflie:
     def _adopt(self, link: CrazyflieLink) -> None:
         self._flight.rules = self._flight_rules(self._options.cruise and link.protocol >= LINEAR_PROTOCOL)
         self._gate.can_tell = not any(name in link.missing for name in VARIANCES)
+        self._state_variable = link.state_variable
         self._link = link
         self._set_up(link)
 
@@ -379,7 +385,7 @@ class Crazyflie:
         if not link.up:
             if self._options.reconnect:
                 self._reconnect()
-        elif now_s - self._telemetry.snapshot()[0] > FORGOTTEN_S and now_s - self._logs_s > LOG_AGAIN_S:
+        elif now_s - self._state_s() > FORGOTTEN_S and now_s - self._logs_s > LOG_AGAIN_S:
             self._logs_s = now_s
             link.log_again()
 
@@ -435,12 +441,13 @@ class Crazyflie:
 
     def _look(self) -> Seen:
         now_s = self._clock.now()
-        stamp_s, values = self._telemetry.snapshot()
+        _, values = self._telemetry.snapshot()
         pose = self._newest
         seen = pose is not None and now_s - pose.stamp_s <= self._options.pose_s
         position: Vec3 | None = pose.position_m if pose is not None and seen else None
         names = ("stateEstimate.x", "stateEstimate.y", "stateEstimate.z")
-        if position is None and now_s - stamp_s <= self._options.telemetry_s and all(n in values for n in names):
+        estimated = all(n in values and self._telemetry.age_s(n, now_s) <= self._options.telemetry_s for n in names)
+        if position is None and estimated:
             position = (values[names[0]], values[names[1]], values[names[2]])
         yaw = math.radians(values["stateEstimate.yaw"]) if "stateEstimate.yaw" in values else None
         pad, pad_speed = self._pad(now_s)
@@ -451,14 +458,14 @@ class Crazyflie:
             yaw if yaw is not None else (pose.yaw_rad if pose is not None else 0.0),
             bits_of(values),
             charging_of(values),
-            self._not_ready(now_s, stamp_s),
+            self._not_ready(now_s),
             ground_m(position, self._pads, self._book) if position is not None else 0.0,
             pad,
             pad_speed,
         )
 
-    def _not_ready(self, now_s: float, stamp_s: float) -> str | None:
-        if now_s - stamp_s > self._options.telemetry_s:
+    def _not_ready(self, now_s: float) -> str | None:
+        if now_s - self._state_s() > self._options.telemetry_s:
             return "its telemetry has stopped; check its link"
         if not self._gate.ready:
             return {

@@ -120,6 +120,7 @@ class CrazyflieLink:
     Attributes:
         protocol: CRTP protocol version of the firmware.
         missing: wanted log variables that it does not have.
+        state_variable: the log variable that carries its state, or the best there is; empty where it logs nothing.
         parameters: names of the parameters that it has.
         lost: what cflib said when the link broke; None while it is up.
         quality: share of packets that got through at the first try, percent, radios only.
@@ -131,6 +132,7 @@ class CrazyflieLink:
         self.uri = uri
         self.protocol = -1
         self.missing: list[str] = []
+        self.state_variable = ""
         self.parameters: frozenset[str] = frozenset()
         self.lost: str | None = None
         self.quality: float | None = None
@@ -186,6 +188,7 @@ class CrazyflieLink:
             f"{group}.{name}" for group, names in self._cf.param.toc.toc.items() for name in names
         )
         blocks, self.missing = plan_blocks(types, fast_ms, slow_ms)
+        self.state_variable = blocks[0].variables[0] if blocks else ""
         for i, block in enumerate(blocks):
             self._log(f"block{i}", block)
         if blocks:
@@ -214,7 +217,7 @@ class CrazyflieLink:
             return "its table of log variables did not arrive; move the radio nearer or restart it"
         if not self._complete.is_set():
             return "its parameters did not arrive; move the radio nearer or restart it"
-        return "it connects but sends no telemetry; restart it"
+        return "it connects but does not send its state; restart it"
 
     def _setup(self) -> None:
         link = self._cf.link
@@ -255,7 +258,8 @@ class CrazyflieLink:
             self.protocol = self._cf.platform.get_protocol_version()
 
     def _logged(self, stamp_ms: int, values: Mapping[str, float], _: Any) -> None:
-        self._first_log.set()
+        if self.state_variable in values:
+            self._first_log.set()
         self._on_log(stamp_ms, {k: v for k, v in values.items() if math.isfinite(v)})
 
     def _answered(self, packet: Any) -> None:

@@ -55,10 +55,14 @@ class Telemetry:
         with self._lock:
             return self.stamp_s, dict(self.values)
 
+    def stamp_of(self, name: str) -> float:
+        """When the newest value of one variable came."""
+        with self._lock:
+            return self.stamps.get(name, -math.inf)
+
     def age_s(self, name: str, now_s: float) -> float:
         """Age of one variable."""
-        with self._lock:
-            return now_s - self.stamps.get(name, -math.inf)
+        return now_s - self.stamp_of(name)
 
 
 class Track:

@@ -6,32 +6,22 @@ import struct
 import threading
 import time
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from drivers.crazyflie_link import CrazyflieLink, connect
 from drivers.crazyflie_orders import ArmOrder, GoToOrder, LandOrder, Order, StopOrder, TakeOffOrder
 from drivers.errors import DriverError
+from tests.drivers.crazyflie_unplugged import Wire, wired
 
 
-class Wire:
-    """Stands where cflib keeps its radio: takes packets down."""
-
-    def __init__(self) -> None:
-        self.sent: list[tuple[int, int, bytes]] = []
-
-    def send_packet(self, packet: Any) -> bool:
-        self.sent.append((packet.port, packet.channel, bytes(packet.data)))
-        return True
-
-    def close(self) -> None: ...
-
-
-def wired(cache: Path, protocol: int = 12) -> tuple[CrazyflieLink, Wire]:
-    link, wire = CrazyflieLink("udp://127.0.0.1:1", cache, lambda *_: None, lambda *_: None), Wire()
-    link._cf.link, link.protocol = wire, protocol
-    return link, wire
+def test_only_the_state_ends_connecting(tmp_path: Path) -> None:
+    link, _ = wired(tmp_path)
+    link.state_variable = "supervisor.info"
+    link._logged(100, {"pm.vbat": 4.0}, None)
+    assert not link._first_log.is_set()
+    link._logged(100, {"supervisor.info": 14, "pm.state": 0}, None)
+    assert link._first_log.is_set()
 
 
 @pytest.mark.parametrize(("protocol", "packet"), [(12, (9, 1, b"\x03")), (11, (6, 1, b"\x03"))])

@@ -1,0 +1,84 @@
+"""The driver's own thread and what its state says: a state that is no longer logged, errors, closing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from drivers.crazyflie import Crazyflie
+from drivers.crazyflie_link import CrazyflieLink
+from drivers.crazyflie_options import CrazyflieOptions
+from drivers.limits import PoseBook, UavLimits
+from tests.drivers.crazyflie_unplugged import Wire, wired
+
+LIMITS = UavLimits(max_speed_mps=1.5, accel_mps2=2.0, climb_mps=1.0, descent_mps=0.7, altitude_m=2.5)
+ON_GROUND, FLYING = 0x0E, 0x1E
+
+
+class Now:
+    """A clock that the test sets."""
+
+    def __init__(self) -> None:
+        self.s = 100.0
+
+    def now(self) -> float:
+        return self.s
+
+    def wait_until(self, time_s: float) -> float:
+        self.s = max(self.s, time_s)
+        return self.s
+
+
+class Rig:
+    """A driver on a link that is up, without a vehicle behind it; logs and turns come from the test."""
+
+    def __init__(self, folder: Path) -> None:
+        self.clock = Now()
+        self.uav = Crazyflie(
+            "uav0", "udp://127.0.0.1:1", body="cf0", limits=LIMITS, pads={}, book=PoseBook(), clock=self.clock,
+            options=CrazyflieOptions(cache=folder),
+        )  # fmt: skip
+        self.link: CrazyflieLink
+        self.wire: Wire
+        self.link, self.wire = wired(folder)
+        self.link.state_variable = "supervisor.info"
+        self.uav._adopt(self.link)
+
+    def log(self, **values: float) -> None:
+        named = {name.replace("_", "."): value for name, value in values.items()}
+        self.uav._on_log(round(1000 * self.clock.s), named)
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Rig:
+    return Rig(tmp_path)
+
+
+# --- the state's own age
+
+
+def test_other_logs_do_not_make_a_state_fresh(rig: Rig) -> None:
+    asked: list[float] = []
+    rig.link.log_again = lambda: asked.append(rig.clock.s)  # type: ignore[method-assign]
+    rig.log(pm_vbat=4.0)
+    assert rig.uav.state().stamp_s < 0, "nothing is known of its state"
+    rig.log(supervisor_info=ON_GROUND, stateEstimate_x=0.0, stateEstimate_y=0.0, stateEstimate_z=0.0)
+    assert rig.uav.state().stamp_s == 100.0
+    rig.clock.s = 101.0
+    rig.log(pm_vbat=4.0)
+    rig.uav._turn([], None)
+    assert rig.uav.state().stamp_s == 100.0
+    assert rig.uav._look().position_m == (0.0, 0.0, 0.0)
+    assert asked == []
+    for _ in range(100):
+        rig.clock.s += 0.1
+        rig.log(pm_vbat=4.0)
+        rig.uav._turn([], None)
+    assert rig.uav.state().stamp_s == 100.0
+    assert not rig.uav.state().link
+    assert rig.uav._look().position_m is None
+    assert "telemetry" in (rig.uav._look().not_ready or "")
+    assert len(asked) == 4, "again and again until its state is back"
+    rig.log(supervisor_info=ON_GROUND)
+    assert rig.uav.state().stamp_s == rig.clock.s
