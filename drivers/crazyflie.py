@@ -51,6 +51,10 @@ STOP_EVERY_S = 0.05
 STOP_UNCONFIRMED_S = 1.0
 PING_S = 0.5
 FORGOTTEN_S, LOG_AGAIN_S = 3.0, 2.0
+HUNG_S = 1.0
+"""A thread that has not turned for so long hangs: nothing that it is told reaches the vehicle."""
+ERROR_SHOWN_S = 5.0
+"""An error of the thread is told for so long."""
 SCHEMES = ("radio", "usb", "udp")
 COMMANDS = (Arm, Disarm, TakeOff, GoTo, Land, Dock, Hold, StopMotors)
 
@@ -108,6 +112,8 @@ class Crazyflie:
         self._wake = threading.Condition()
         self._closing = threading.Event()
         self._worker: threading.Thread | None = None
+        self._turned_s = -math.inf
+        self._error: tuple[float, str] = (-math.inf, "")
 
     def _flight_rules(self, cruise: bool) -> FlightRules:
         o = self._options
@@ -143,11 +149,12 @@ class Crazyflie:
             self._adopt(self._connect(timeout_s))
         except DriverError as error:
             raise DriverError(f"{self._id}: cannot connect to {self._uri} within {timeout_s:.0f} s: {error}") from error
+        self._turned_s = self._clock.now()
         self._worker = threading.Thread(target=self._work, name=f"crazyflie-{self._id}", daemon=True)
         self._worker.start()
 
     def state(self) -> VehicleState:
-        """The newest telemetry; ``link`` is down when cflib says so or when its state is no longer logged."""
+        """The newest telemetry; ``link`` is down when cflib says so, the state is not logged or our thread hangs."""
         link, flight = self._link, self._flight
         stamp_s, (_, values) = self._state_s(), self._telemetry.snapshot()
         bits = bits_of(values)
@@ -159,7 +166,7 @@ class Crazyflie:
         return VehicleState(
             vehicle=self._id,
             stamp_s=stamp_s,
-            link=link is not None and link.up and fresh,
+            link=link is not None and link.up and fresh and self._works(),
             armed=flight.armed(bits) and self._stop_s is None,
             airborne=airborne,
             tumbled=bits is not None and (bits.tumbled or bits.crashed),
@@ -173,6 +180,11 @@ class Crazyflie:
         """Receipt of the newest state: that battery or variances still come does not prove that the state does."""
         return self._telemetry.stamp_of(self._state_variable)
 
+    def _works(self) -> bool:
+        """Whether the thread lives and turns: without it, telemetry comes but no command goes."""
+        worker = self._worker
+        return worker is not None and worker.is_alive() and self._clock.now() - self._turned_s <= HUNG_S
+
     def _fault(self) -> str | None:
         _, values = self._telemetry.snapshot()
         bits = bits_of(values)
@@ -180,6 +192,9 @@ class Crazyflie:
         if unconfirmed and self._clock.now() - (self._stop_s or 0.0) > STOP_UNCONFIRMED_S:
             return "it does not confirm the emergency stop, which is being repeated"
         wrong = None if bits is None else words(bits)
+        error_s, error = self._error
+        if wrong is None and self._clock.now() - error_s <= ERROR_SHOWN_S:
+            return error
         return wrong or self._flight.fault
 
     def send(self, command: Command) -> Command:
@@ -356,7 +371,11 @@ class Crazyflie:
                 commands = list(self._commands)
                 self._commands.clear()
                 pose, self._pose = self._pose, None
-            self._turn(commands, pose)
+            try:
+                self._turn(commands, pose)
+            except Exception as error:  # a dead thread could neither land it nor stop its motors
+                self._error = (self._clock.now(), f"the driver failed with {type(error).__name__} ({error}); land it")
+            self._turned_s = self._clock.now()
 
     def _turn(self, commands: list[Command], pose: Pose | None) -> None:
         now_s, link = self._clock.now(), self._link

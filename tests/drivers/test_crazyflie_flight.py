@@ -195,6 +195,15 @@ def test_not_ready_is_not_armed(vehicle: Vehicle) -> None:
     assert vehicle.flight.fault is None
 
 
+def test_arming_waits_for_a_state_that_has_gone() -> None:
+    v = Vehicle(brushed=False)
+    v.send(Arm("uav0"))
+    v.flight.step(replace(v.seen(), bits=None))
+    assert v.flight.phase is Phase.ARMING
+    v.run(0.5)
+    assert v.flight.armed(v.seen().bits)
+
+
 def test_a_vehicle_that_disarms_itself_closes_the_gate() -> None:
     v = Vehicle(brushed=False)
     v.send(Arm("uav0"))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import threading
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -10,6 +13,7 @@ from drivers.crazyflie import Crazyflie
 from drivers.crazyflie_link import CrazyflieLink
 from drivers.crazyflie_options import CrazyflieOptions
 from drivers.limits import PoseBook, UavLimits
+from drivers.vehicle import Pose, StopMotors
 from tests.drivers.crazyflie_unplugged import Wire, wired
 
 LIMITS = UavLimits(max_speed_mps=1.5, accel_mps2=2.0, climb_mps=1.0, descent_mps=0.7, altitude_m=2.5)
@@ -49,10 +53,25 @@ class Rig:
         named = {name.replace("_", "."): value for name, value in values.items()}
         self.uav._on_log(round(1000 * self.clock.s), named)
 
+    def start(self) -> None:
+        """As ``connect`` does after the link is there."""
+        self.uav._turned_s = self.clock.s
+        self.uav._worker = threading.Thread(target=self.uav._work, daemon=True)
+        self.uav._worker.start()
+
 
 @pytest.fixture
-def rig(tmp_path: Path) -> Rig:
-    return Rig(tmp_path)
+def rig(tmp_path: Path) -> Iterator[Rig]:
+    made = Rig(tmp_path)
+    yield made
+    made.uav.close()
+
+
+def until(condition: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + 5.0
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.005)
 
 
 # --- the state's own age
@@ -82,3 +101,52 @@ def test_other_logs_do_not_make_a_state_fresh(rig: Rig) -> None:
     assert len(asked) == 4, "again and again until its state is back"
     rig.log(supervisor_info=ON_GROUND)
     assert rig.uav.state().stamp_s == rig.clock.s
+
+
+# --- the thread
+
+
+def test_an_error_does_not_end_the_thread_nor_the_emergency_stop(rig: Rig) -> None:
+    def fail(*_: object) -> None:
+        raise RuntimeError("radio unplugged")
+
+    rig.log(supervisor_info=FLYING)
+    rig.link.send_pose = fail  # type: ignore[method-assign]
+    rig.start()
+    assert rig.uav.state().link
+    rig.uav.feed_pose(Pose("cf0", (0.0, 0.0, 1.0), 0.0, rig.clock.s))
+    until(lambda: rig.uav.state().fault is not None)
+    assert "RuntimeError (radio unplugged)" in (rig.uav.state().fault or "")
+    rig.uav.send(StopMotors("uav0"))
+    until(lambda: (9, 1, b"\x03") in rig.wire.sent)
+    rig.uav.feed_pose(Pose("cf0", (0.0, 0.0, 1.0), 0.0, rig.clock.s + 0.1))
+    rig.clock.s += 0.2
+    until(lambda: rig.wire.sent.count((9, 1, b"\x03")) > 1)
+    assert rig.uav.state().link
+    rig.log(supervisor_info=0x44)
+    rig.clock.s += 6.0
+    assert "locked" in (rig.uav.state().fault or "")
+
+
+def test_a_thread_that_hangs_or_is_dead_is_a_lost_link(rig: Rig) -> None:
+    rig.log(supervisor_info=ON_GROUND)
+    assert not rig.uav.state().link, "not begun"
+    rig.start()
+    assert rig.uav.state().link
+    inside, go_on = threading.Event(), threading.Event()
+
+    def hang() -> None:
+        inside.set()
+        go_on.wait(5.0)
+
+    rig.clock.s += 0.6
+    rig.link.ping = hang  # type: ignore[method-assign]
+    assert inside.wait(5.0)
+    rig.clock.s += 0.5
+    rig.log(supervisor_info=ON_GROUND)
+    rig.clock.s += 0.6
+    assert not rig.uav.state().link, "its telemetry is fresh, but nobody turns"
+    go_on.set()
+    until(lambda: rig.uav.state().link)
+    rig.uav._closing.set()
+    until(lambda: not rig.uav.state().link)
