@@ -28,6 +28,7 @@ class Dialect:
         wants_origin: has no local frame without GPS until somebody names an origin.
         estimator: name and id of the message that tells how its estimator is.
         parameters: read at connecting, for the checks.
+        returns: ``custom_mode`` values in which a copter lands or returns by itself.
         mode_name: a ``custom_mode`` in words.
         by_pilot: whether a ``custom_mode`` is one in which a pilot steers.
         death_checks: what happens when this program dies, by the parameters.
@@ -45,6 +46,7 @@ class Dialect:
     wants_origin: bool
     estimator: tuple[str, int]
     parameters: tuple[str, ...]
+    returns: frozenset[int]
     mode_name: Callable[[int], str]
     by_pilot: Callable[[int], bool]
     death_checks: Callable[[Parameters, int], list[SelfCheck]]

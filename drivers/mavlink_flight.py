@@ -34,6 +34,7 @@ STRANDED_S = 2.0
 STALLED_S = 2.0
 """Not higher since then: its own take-off is done."""
 FULL = 0.98
+LEFT_ALONE = "its own failsafe lands it or brings it back: moved no more until it is on the ground"
 
 
 class Phase(Enum):
@@ -83,6 +84,7 @@ class Flight:
         self._guided_seen = False
         self._land_mode = False
         self._relift_m: float | None = None
+        self._failsafe = self._failsafe_seen = self._landing_seen = False
 
     def reset(self) -> None:
         """Forgets everything it was doing; after an emergency stop or a reboot."""
@@ -123,16 +125,17 @@ class Flight:
                 if self.phase is not Phase.FLY or self._target != target:
                     self._fly(target, seen.now_s)
                     self.fault = None
+            case Land() if self._failsafe and self._up(seen):
+                self._land_by_itself(seen.now_s)
+            case Hold() if self._failsafe and self._up(seen):
+                pass  # sent by itself, too, whenever something is wrong: it must not end a failsafe's landing
             case Land() if self._claim(seen):
                 if self.phase is not Phase.LAND:
                     self._enter(Phase.LAND, seen.now_s)
                 self._speed_mps = command.speed_mps
             case Land() if self._up(seen) and seen.at_m is None and not seen.by_pilot:
                 # nobody knows where it is: it must find the ground by itself
-                if self.phase is not Phase.LAND:
-                    self._reference = self._reference or Reference((0.0, 0.0, 0.0))
-                    self._enter(Phase.LAND, seen.now_s)
-                self._land_mode = True
+                self._land_by_itself(seen.now_s)
             case Dock() if self._claim(seen):
                 self._dock(command, seen.now_s)
             case Hold() if self._claim(seen):
@@ -154,6 +157,13 @@ class Flight:
             case _:
                 pass
 
+    def _land_by_itself(self, now_s: float) -> None:
+        """Has the autopilot land in its own mode."""
+        if self.phase is not Phase.LAND:
+            self._reference = self._reference or Reference((0.0, 0.0, 0.0))
+            self._enter(Phase.LAND, now_s)
+        self._land_mode = True
+
     def _up(self, seen: Seen) -> bool:
         flies = seen.armed and seen.airborne and self.phase is not Phase.CONFIRM
         return self.phase in (*AIR, Phase.LIFT) or flies
@@ -161,6 +171,9 @@ class Flight:
     def _claim(self, seen: Seen) -> bool:
         """Whether it flies and is ours to move; takes over what already flies without us."""
         if not self._up(seen):
+            return False
+        if self._failsafe:
+            self.fault = LEFT_ALONE
             return False
         if self.phase in AIR:
             return True
@@ -218,7 +231,7 @@ class Flight:
 
     def _enter(self, phase: Phase, now_s: float) -> None:
         self.phase, self._since_s, self._count_s, self._count_m = phase, now_s, 0.0, 0.0
-        self._land_mode = False
+        self._land_mode = self._landing_seen = False
         if phase not in AIR:
             self._guided_seen = False
 
@@ -258,6 +271,7 @@ class Flight:
 
     def _keep_up(self, seen: Seen) -> None:
         """Notices what the vehicle has decided by itself."""
+        self._watch_failsafe(seen)
         if self.phase not in (*AIR, Phase.LIFT):
             return
         if not seen.link:
@@ -277,15 +291,36 @@ class Flight:
         if seen.guided:
             self._guided_seen = True
         elif self._guided_seen and not self._land_mode:
-            self.fault = "its mode was changed by a pilot or by its own failsafe"
+            self.fault = LEFT_ALONE if self._failsafe else "its mode was changed by a pilot or by its own failsafe"
             self._settle(seen.now_s)
             return
+        elif self._land_mode and self._landing_seen and seen.by_pilot:
+            self.fault = "a pilot has ended its landing"
+            self._settle(seen.now_s)
+            return
+        else:
+            self._landing_seen = self._land_mode and seen.failsafe
         if self.phase in (Phase.FLY, Phase.BRAKE, Phase.ABORT):
             self._count_s = self._count_s + seen.dt_s if seen.on_ground else 0.0
             if self._count_s > STRANDED_S:
                 self.fault = "on the ground without a landing"
                 self._settle(seen.now_s)
                 self._disarming = True
+
+    def _watch_failsafe(self, seen: Seen) -> None:
+        """Notices a failsafe for a cause of its own (battery, estimator), which no command of ours may end in the air.
+
+        One that answers to a pause of set-points or telemetry was ours, and is over when they are back.
+        """
+        if not seen.link:
+            return
+        flies = seen.armed and seen.airborne and not seen.guided
+        shown = flies and seen.failsafe and not seen.by_pilot
+        if not flies or seen.by_pilot:
+            self._failsafe = False
+        elif shown and not self._failsafe_seen and not seen.lapsed and not self._land_mode:
+            self._failsafe = True
+        self._failsafe_seen = shown
 
     def _idle(self, seen: Seen) -> Wants:
         armed: bool | None = None
@@ -380,6 +415,8 @@ class Flight:
             self._count_s = 0.0
         if self._count_s >= LANDED_S:
             return replace(self._streamed(), guided=False, armed=False, land_mode=self._land_mode)
+        if self._land_mode:
+            return Wants(None, self._yaw_rad or 0.0, land_mode=True)
         vx, vy, vz = reference.velocity_mps
         limits, options, dt = self._limits, self._options, seen.dt_s
         most = limits.accel_mps2 * dt

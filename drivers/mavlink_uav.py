@@ -23,6 +23,10 @@ from drivers.vehicle import Arm, Command, Disarm, Dock, GoTo, Hold, Land, StopMo
 
 ROOF = 3.0
 """Within so many docking tolerances of a dock it stands on the UGV."""
+LAPSE_S = 0.5
+"""Set-points or telemetry that pause for so long may be what a failsafe answers to: PX4's offboard loss, by 1 s."""
+LAPSE_SHOWS_S = 2.5
+"""A mode that was changed by it shows so much later at most: heartbeats come once a second, and one may be lost."""
 LANDED = Stream("EXTENDED_SYS_STATE", w.EXTENDED_SYS_STATE, "status", needed=True)
 
 
@@ -64,6 +68,7 @@ class MavlinkUav(MavlinkVehicle):
         self._flight: Flight | None = None
         self._stood_m = 0.0
         self._flew = False
+        self._stepped_s = self._lapsed_s = -math.inf
         self._tracker = PadTracker()
 
     def _adopt(self, dialect: Dialect) -> None:
@@ -117,6 +122,9 @@ class MavlinkUav(MavlinkVehicle):
             pads = self._pads[asked.onto]
             pose = self._book.get(pads.body)
             pad = self._tracker.look(pads, asked.dock, pose, now_s, self._options.pose_stale_s)
+        if now_s - min(self._stepped_s, t.stamp_s) > LAPSE_S:
+            self._lapsed_s = now_s
+        grave = t.system_status in (w.CRITICAL, w.EMERGENCY)
         return Seen(
             now_s=now_s,
             dt_s=dt_s,
@@ -129,6 +137,8 @@ class MavlinkUav(MavlinkVehicle):
             guided=self._is_guided(),
             link=self._link_up(now_s),
             by_pilot=self._dialect.by_pilot(t.custom_mode),
+            failsafe=t.custom_mode in self._dialect.returns or (grave and not self._is_guided()),
+            lapsed=now_s - self._lapsed_s < LAPSE_SHOWS_S,
             pad=pad,
             charging=t.charging,
             battery=t.battery,
@@ -173,6 +183,7 @@ class MavlinkUav(MavlinkVehicle):
             self._level()
         self._flew = self._flew or t.airborne
         wants = self._flight.step(self._seen(now_s, dt_s))
+        self._stepped_s = now_s
         if wants.setpoint is not None:
             self._send_setpoint(wants.setpoint, wants.yaw_rad)
         self._reconcile(wants.guided, wants.armed, now_s)

@@ -22,6 +22,8 @@ class Seen:
         guided: it follows set-points.
         link: it was heard lately.
         by_pilot: a pilot steers.
+        failsafe: it is in a landing or returning mode, or in another than ours with a status of CRITICAL or EMERGENCY.
+        lapsed: set-points or telemetry paused a moment ago, so that a failsafe may be the answer to that.
         pad: of the attempt's dock; None: stale or no attempt.
         charging: None: cannot be told.
         battery: 0..1 or None.
@@ -38,6 +40,8 @@ class Seen:
     guided: bool
     link: bool = True
     by_pilot: bool = False
+    failsafe: bool = False
+    lapsed: bool = False
     pad: PadSeen | None = None
     charging: bool | None = None
     battery: float | None = None

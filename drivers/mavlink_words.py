@@ -89,6 +89,8 @@ COPTER_MODES: Final = {
     11: "DRIFT", 13: "SPORT", 14: "FLIP", 15: "AUTOTUNE", 16: "POSHOLD", 17: "BRAKE", 18: "THROW", 20: "GUIDED_NOGPS",
     21: "SMART_RTL", 22: "FLOWHOLD", 23: "FOLLOW", 24: "ZIGZAG",
 }  # fmt: skip
+COPTER_RETURNS: Final = frozenset({6, 9, 21, 27})
+"""RTL, LAND, SMART_RTL, AUTO_RTL."""
 COPTER_PILOT: Final = frozenset({0, 1, 2, 5, 11, 13, 14, 15, 16, 22, 24})
 ROVER_MODES: Final = {
     0: "MANUAL", 1: "ACRO", 3: "STEERING", 4: "HOLD", 5: "LOITER", 6: "FOLLOW", 7: "SIMPLE", 10: "AUTO", 11: "RTL",

@@ -11,7 +11,7 @@ import pytest
 
 from drivers.limits import UavLimits
 from drivers.mavlink_dock import PadSeen
-from drivers.mavlink_flight import Flight, Phase
+from drivers.mavlink_flight import LEFT_ALONE, Flight, Phase
 from drivers.mavlink_options import MavlinkOptions
 from drivers.mavlink_wants import Seen, Wants
 from drivers.vehicle import Arm, Command, Disarm, Dock, GoTo, Hold, Land, TakeOff, Vec3
@@ -296,7 +296,7 @@ def test_a_pilot_is_not_fought(rig: Rig) -> None:
         assert rig.wants.setpoint is None or rig.seen.on_ground
 
 
-def test_a_failsafes_mode_is_left_by_the_next_command(rig: Rig) -> None:
+def test_a_mode_that_is_no_landing_is_left_by_the_next_command(rig: Rig) -> None:
     rig.fly()
     rig.seen = replace(rig.seen, guided=False)
     rig.obeys = False
@@ -308,6 +308,80 @@ def test_a_failsafes_mode_is_left_by_the_next_command(rig: Rig) -> None:
     assert rig.wants.guided
     assert rig.wants.setpoint is not None
     assert rig.wants.setpoint.position_m == pytest.approx(rig.at, abs=0.1)
+
+
+def failed(rig: Rig, **others: bool) -> None:
+    """Its own failsafe takes over, and goes on whatever it is asked for."""
+    rig.seen = replace(rig.seen, guided=False, failsafe=True, **others)
+    rig.obeys = False
+    rig.turn()
+
+
+@pytest.mark.parametrize("command", [GoTo("u", (9.0, 0.0, 3.0), 1.0), DOCK, TakeOff("u", 5.0, 1.0), Hold("u")])
+def test_no_command_ends_a_failsafes_landing(rig: Rig, command: Command) -> None:
+    rig.fly()
+    failed(rig)
+    assert rig.flight.phase is Phase.IDLE
+    for _ in range(5):
+        rig.send(command)
+        rig.wait(1.0)
+        assert rig.wants == Wants(None, rig.seen.yaw_rad)
+    assert rig.flight.fault == LEFT_ALONE
+
+
+def test_a_failsafe_that_begins_while_nothing_is_asked_for_is_left_alone_too(rig: Rig) -> None:
+    rig.fly()
+    rig.seen = replace(rig.seen, guided=False)
+    rig.obeys = False
+    rig.turn()
+    failed(rig)
+    rig.send(GoTo("u", (9.0, 0.0, 3.0), 1.0))
+    assert rig.flight.phase is Phase.IDLE
+    assert rig.flight.fault == LEFT_ALONE
+
+
+def test_a_failsafes_return_can_be_made_a_landing_but_nothing_else(rig: Rig) -> None:
+    rig.fly()
+    failed(rig)
+    for command in (Land("u", 1.0), GoTo("u", (9.0, 0.0, 3.0), 1.0), Hold("u"), Land("u", 1.0)):
+        rig.send(command)
+        rig.turn()
+        assert rig.wants.land_mode
+        assert rig.wants.setpoint is None
+        assert not rig.wants.guided
+
+
+def test_a_failsafes_landing_is_over_on_the_ground(rig: Rig) -> None:
+    rig.fly()
+    failed(rig)
+    rig.seen = replace(rig.seen, own_m=(0.0, 0.0, 0.0), airborne=False, on_ground=True, armed=False, failsafe=False)
+    rig.turn()
+    rig.obeys = True
+    rig.fly()
+    assert rig.flight.fault is None
+
+
+def test_who_lands_because_we_paused_is_taken_over_again(rig: Rig) -> None:
+    rig.fly()
+    failed(rig, lapsed=True)
+    rig.seen = replace(rig.seen, lapsed=False)
+    rig.turn()
+    rig.send(GoTo("u", (9.0, 0.0, 3.0), 1.0))
+    assert rig.flight.step(rig.seen).guided
+
+
+def test_a_pilot_ends_a_landing_of_its_own(rig: Rig) -> None:
+    rig.fly()
+    failed(rig)
+    rig.send(Land("u", 1.0))
+    rig.turn()
+    rig.seen = replace(rig.seen, failsafe=False, by_pilot=True)
+    rig.turn()
+    assert not rig.wants.land_mode
+    rig.send(Land("u", 1.0))
+    rig.turn()
+    assert not rig.wants.land_mode
+    assert "pilot" in (rig.flight.fault or "")
 
 
 def test_disarmed_in_the_air_is_told(rig: Rig) -> None:
