@@ -307,7 +307,7 @@ class Crazyflie:
         """The last orders: land on its own in the air, stop and disarm on the ground."""
         seen = self._look()
         flight = self._flight
-        if flight.airborne(seen.bits) and flight.phase is not Phase.STOPPED:
+        if flight.phase is not Phase.STOPPED and not flight.may_stop(seen):
             at = seen.position_m or (0.0, 0.0, self._limits.altitude_m)
             down = (at[0], at[1], seen.ground_m)
             duration_s = max(1.0, rest_to_rest_s(at, down, self._limits.descent_mps, self._limits))

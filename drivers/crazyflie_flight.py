@@ -98,6 +98,11 @@ class Flight:
             return self.up
         return bits.flying and self.phase not in (Phase.GROUND, Phase.ARMING, Phase.CONFIRM)
 
+    def may_stop(self, seen: Seen) -> bool:
+        """Whether its motors may be switched off: it stands, and does not say that it flies long after our landing."""
+        flies = seen.bits is not None and seen.bits.flying and seen.now_s - self._landed_s > LANDED_S
+        return not self.airborne(seen.bits) and not flies
+
     def set_point(self, now_s: float) -> SetPoint | None:
         """Where the set-point is; None on the ground."""
         return None if self._segment is None else self._segment.at(now_s)
@@ -520,6 +525,7 @@ class Flight:
             case Touched():
                 self._clear()
                 self.phase, self._since_s, self.docked = Phase.CONFIRM, seen.now_s, True
+                self._landed_s = seen.now_s
                 self._orders.append(StopOrder())
             case None:
                 if not self._final and self._astray(seen):

@@ -441,6 +441,34 @@ def test_one_that_hovers_already_is_taken_over() -> None:
     v.until(lambda: v.flight.phase is Phase.GROUND)
 
 
+def test_the_motors_may_be_stopped_only_on_the_ground() -> None:
+    v = Vehicle()
+    assert v.flight.may_stop(v.seen())
+    v.flying = True
+    assert not v.flight.may_stop(v.seen()), "it flies without our doing"
+    v.flying = False
+    v.fly()
+    assert not v.flight.may_stop(v.seen())
+    v.send(Land("uav0", 0.5))
+    v.run(0.5)
+    assert not v.flight.may_stop(v.seen())
+    v.until(lambda: v.flight.phase is Phase.GROUND)
+    v.flying = True  # as the firmware says for two more seconds
+    v.run(2.0)
+    assert v.flight.may_stop(v.seen())
+    v.run(3.0)
+    assert not v.flight.may_stop(v.seen()), "that is no echo of the landing any more"
+
+
+def test_the_motors_may_be_stopped_on_a_dock() -> None:
+    v = Vehicle()
+    over_the_pad(v)
+    v.send(DOCK_COMMAND)
+    v.until(lambda: v.flight.phase is Phase.CONFIRM)
+    v.flying = True
+    assert v.flight.may_stop(v.seen())
+
+
 def test_no_request_to_disarm_while_it_says_that_it_flies() -> None:
     v = Vehicle(brushed=False)
     v.fly()

@@ -150,3 +150,18 @@ def test_a_thread_that_hangs_or_is_dead_is_a_lost_link(rig: Rig) -> None:
     until(lambda: rig.uav.state().link)
     rig.uav._closing.set()
     until(lambda: not rig.uav.state().link)
+
+
+# --- closing
+
+
+def test_closing_lands_one_that_flies_without_our_doing(rig: Rig) -> None:
+    rig.log(supervisor_info=FLYING, stateEstimate_x=1.0, stateEstimate_y=0.0, stateEstimate_z=1.0)
+    rig.uav.close()
+    assert {data[0] for port, _, data in rig.wire.sent if port == 8} == {8}, "landings, no stop"
+
+
+def test_closing_stops_one_that_stands(rig: Rig) -> None:
+    rig.log(supervisor_info=ON_GROUND, stateEstimate_x=1.0, stateEstimate_y=0.0, stateEstimate_z=0.0)
+    rig.uav.close()
+    assert {data[0] for port, _, data in rig.wire.sent if port == 8} == {3}
