@@ -7,7 +7,7 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Literal
 
 from drivers.errors import DriverError
@@ -36,6 +36,7 @@ class PoseFeeder:
         self._lock = threading.Lock()
         self._fresh: dict[str, Pose] = {}
         self._late_s: deque[float] = deque(maxlen=WATCHED)
+        self._failures: dict[str, str] = {}
         self._open = False
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="pose feeder", daemon=True)
@@ -52,7 +53,10 @@ class PoseFeeder:
         return tuple(fresh.values())
 
     def timing(self) -> SelfCheck:
-        """How punctually a thread runs here at the loop's rate."""
+        """How punctually a thread runs here at the loop's rate, and whether anybody failed in it."""
+        if failures := dict(self._failures):
+            text = "; ".join(f"{who} failed with {why}" for who, why in sorted(failures.items()))
+            return SelfCheck("clock", "fail", f"{text}; restart, and report it if it happens again")
         late = sorted(self._late_s)
         if len(late) < WATCHED // 2:
             return SelfCheck("clock", "not run", "it was not looked at for long enough")
@@ -69,25 +73,37 @@ class PoseFeeder:
         if self._thread is not threading.current_thread():
             self._thread.join(2.0)
 
+    @contextlib.contextmanager
+    def _guarded(self, who: str) -> Iterator[None]:
+        """Nobody's failure keeps the others from being fed; what is no plain refusal shows in ``timing``."""
+        try:
+            yield
+        except DriverError:
+            pass  # not connected yet, or gone: its own checks tell
+        except Exception as error:
+            self._failures[who] = f"{type(error).__name__} ({error})"
+
     def _run(self) -> None:
         due_s = time.monotonic()
         while not self._stop.is_set():
-            with contextlib.suppress(DriverError):
-                self._turn()
+            self._turn()
             due_s = max(due_s + PERIOD_S, time.monotonic())
             self._stop.wait(due_s - time.monotonic())
             self._late_s.append(time.monotonic() - due_s)
 
     def _turn(self) -> None:
-        for vehicle in self._vehicles.values():
-            vehicle.state()  # drivers tell their vehicles that somebody is there only while somebody looks
-        if not self._open:
-            return
-        for pose in self._poses.read():
-            vehicle_id = self._bodies.get(pose.body)
-            if vehicle_id is None or not all(map(math.isfinite, (*pose.position_m, pose.yaw_rad, pose.stamp_s))):
+        for vehicle_id, vehicle in self._vehicles.items():
+            with self._guarded(vehicle_id):
+                vehicle.state()  # drivers tell their vehicles that somebody is there only while somebody looks
+        poses: Sequence[Pose] = ()
+        if self._open:
+            with self._guarded("motion capture"):
+                poses = self._poses.read()
+        for pose in poses:
+            fed = self._bodies.get(pose.body)
+            if fed is None or not all(map(math.isfinite, (*pose.position_m, pose.yaw_rad, pose.stamp_s))):
                 continue
             with self._lock:
                 self._fresh[pose.body] = pose
-            with contextlib.suppress(DriverError):
-                self._vehicles[vehicle_id].feed_pose(pose)
+            with self._guarded(fed):
+                self._vehicles[fed].feed_pose(pose)
