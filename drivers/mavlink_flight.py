@@ -30,6 +30,8 @@ LEFT_M = 0.1
 HOLD_LIFT_M = 0.5
 """Where a take-off is held that has not left the ground yet: stopping the motors there would be worse."""
 LANDED_S = 0.5
+BLIND_S = 0.5
+"""Without any position for so long, only its own landing mode knows the way down."""
 STRANDED_S = 2.0
 STALLED_S = 2.0
 """Not higher since then: its own take-off is done."""
@@ -80,7 +82,7 @@ class Flight:
         self._stream_s: float | None = None
         self._since_s = 0.0
         self._ground_z = 0.0
-        self._count_s = self._count_m = 0.0
+        self._count_s = self._count_m = self._blind_s = 0.0
         self._guided_seen = False
         self._land_mode = False
         self._relift_m: float | None = None
@@ -125,17 +127,17 @@ class Flight:
                 if self.phase is not Phase.FLY or self._target != target:
                     self._fly(target, seen.now_s)
                     self.fault = None
-            case Land() if self._failsafe and self._up(seen):
+            case Land() if (self._failsafe or self._land_mode) and self._up(seen):
                 self._land_by_itself(seen.now_s)
             case Hold() if self._failsafe and self._up(seen):
                 pass  # sent by itself, too, whenever something is wrong: it must not end a failsafe's landing
+            case Land() if self._up(seen) and seen.at_m is None and not seen.by_pilot:
+                # nobody knows where it is: it must find the ground by itself
+                self._land_by_itself(seen.now_s)
             case Land() if self._claim(seen):
                 if self.phase is not Phase.LAND:
                     self._enter(Phase.LAND, seen.now_s)
                 self._speed_mps = command.speed_mps
-            case Land() if self._up(seen) and seen.at_m is None and not seen.by_pilot:
-                # nobody knows where it is: it must find the ground by itself
-                self._land_by_itself(seen.now_s)
             case Dock() if self._claim(seen):
                 self._dock(command, seen.now_s)
             case Hold() if self._claim(seen):
@@ -175,7 +177,7 @@ class Flight:
         if self._failsafe:
             self.fault = LEFT_ALONE
             return False
-        if self.phase in AIR:
+        if self.phase in AIR and not self._land_mode:
             return True
         if self.phase is Phase.LIFT and not self._left(seen):
             return False
@@ -230,10 +232,11 @@ class Flight:
         self._enter(Phase.FLY, now_s)
 
     def _enter(self, phase: Phase, now_s: float) -> None:
-        self.phase, self._since_s, self._count_s, self._count_m = phase, now_s, 0.0, 0.0
-        self._land_mode = self._landing_seen = False
-        if phase not in AIR:
+        self.phase, self._since_s = phase, now_s
+        self._count_s = self._count_m = self._blind_s = 0.0
+        if phase not in AIR or self._land_mode:
             self._guided_seen = False
+        self._land_mode = self._landing_seen = False
 
     def _settle(self, now_s: float) -> None:
         self._enter(Phase.IDLE, now_s)
@@ -415,6 +418,9 @@ class Flight:
             self._count_s = 0.0
         if self._count_s >= LANDED_S:
             return replace(self._streamed(), guided=False, armed=False, land_mode=self._land_mode)
+        self._blind_s = self._blind_s + seen.dt_s if seen.at_m is None else 0.0
+        if self._blind_s > BLIND_S:
+            self._land_mode = True
         if self._land_mode:
             return Wants(None, self._yaw_rad or 0.0, land_mode=True)
         vx, vy, vz = reference.velocity_mps

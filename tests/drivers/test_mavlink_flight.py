@@ -310,9 +310,9 @@ def test_a_mode_that_is_no_landing_is_left_by_the_next_command(rig: Rig) -> None
     assert rig.wants.setpoint.position_m == pytest.approx(rig.at, abs=0.1)
 
 
-def failed(rig: Rig, **others: bool) -> None:
+def failed(rig: Rig, lapsed: bool = False) -> None:
     """Its own failsafe takes over, and goes on whatever it is asked for."""
-    rig.seen = replace(rig.seen, guided=False, failsafe=True, **others)
+    rig.seen = replace(rig.seen, guided=False, failsafe=True, lapsed=lapsed)
     rig.obeys = False
     rig.turn()
 
@@ -368,6 +368,24 @@ def test_who_lands_because_we_paused_is_taken_over_again(rig: Rig) -> None:
     rig.turn()
     rig.send(GoTo("u", (9.0, 0.0, 3.0), 1.0))
     assert rig.flight.step(rig.seen).guided
+
+
+def test_its_own_landing_mode_that_we_asked_for_is_no_failsafe(rig: Rig) -> None:
+    rig.fly()
+    at = rig.at
+    rig.seen = replace(rig.seen, own_m=None, pose_m=None)
+    rig.send(Land("u", 1.0))
+    rig.seen = replace(rig.seen, guided=False, failsafe=True)
+    assert rig.flight.step(rig.seen).land_mode
+    at = (at[0] + 2.0, at[1], at[2])
+    rig.seen = replace(rig.seen, own_m=at)
+    rig.send(Land("u", 1.0))
+    assert rig.flight.step(rig.seen).land_mode, "a repeated command leaves it alone"
+    rig.send(GoTo("u", (9.0, 0.0, 3.0), 1.0))
+    wants = rig.flight.step(rig.seen)
+    assert wants.guided
+    assert wants.setpoint is not None
+    assert wants.setpoint.position_m == pytest.approx(at, abs=0.1), "from where it is by now"
 
 
 def test_a_pilot_ends_a_landing_of_its_own(rig: Rig) -> None:
@@ -537,3 +555,29 @@ def test_a_landing_goes_on_without_link_and_without_position(rig: Rig) -> None:
     other.seen = replace(other.seen, own_m=None, pose_m=None)
     other.send(Land("u", 1.0))
     assert other.flight.step(other.seen).land_mode
+
+
+def test_a_landing_without_position_is_the_autopilots_own_from_the_start(rig: Rig) -> None:
+    rig.fly()
+    rig.send(GoTo("u", (30.0, 0.0, 3.0), 2.0))
+    rig.wait(2.0)
+    rig.seen = replace(rig.seen, own_m=None, pose_m=None)
+    rig.send(Land("u", 1.0))
+    wants = rig.flight.step(rig.seen)
+    assert wants.land_mode
+    assert wants.setpoint is None
+
+
+def test_a_landing_that_loses_its_position_becomes_the_autopilots_own(rig: Rig) -> None:
+    rig.fly(6.0)
+    rig.send(Land("u", 1.0))
+    rig.wait(1.0)
+    at = rig.at
+    steps = []
+    for _ in range(30):
+        rig.seen = replace(rig.seen, now_s=rig.seen.now_s + DT, own_m=None, pose_m=None)
+        steps.append(rig.flight.step(rig.seen).land_mode)
+    assert not any(steps[:9]), "a gap of a moment changes nothing"
+    assert all(steps[12:])
+    rig.seen = replace(rig.seen, own_m=at)
+    assert rig.flight.step(rig.seen).land_mode, "it does not go back and forth"
