@@ -34,6 +34,8 @@ SIGNING_EPOCH_S = 1420070400
 """1 January 2015: from there signatures count in 10 us."""
 SIGNED_FLAG = 1
 """MAVLINK_IFLAG_SIGNED of a packet's header."""
+FAILED_S = 0.005
+"""Pause after an error."""
 RADIO_STATUS = 109
 """Comes unsigned out of telemetry radios, which know no key."""
 
@@ -219,27 +221,46 @@ class Link:
     def _run(self) -> None:
         period_s = 1.0 / self._options.setpoint_hz
         tick_s = beat_s = self._clock.now()
-        while not self._stop.is_set():
-            now_s = self._clock.now()
-            self._sleep(max(0.0, tick_s - now_s))
-            now_s = self._clock.now()
-            for data, peer in self._wire.receive():
-                self._take(data, peer, now_s)
-            riders = list(self._riders.values())
-            for rider in riders:
-                _guarded(rider, rider.pump, now_s)
-            if now_s >= beat_s and any(rider.alive(now_s) for rider in riders):
-                beat_s = now_s + 1.0 / self._options.heartbeat_hz
-                self.send(None, "heartbeat", w.GCS_TYPE, w.NO_AUTOPILOT, 0, 0, w.ACTIVE, 3)
-            if now_s >= tick_s:
-                tick_s = max(tick_s + period_s, now_s)
+        try:
+            while not self._stop.is_set():
+                self._guarded(self._sleep, max(0.0, tick_s - self._clock.now()))
+                now_s = self._clock.now()
+                self._guarded(self._receive, now_s)
+                riders = list(self._riders.values())
                 for rider in riders:
-                    _guarded(rider, rider.tick, now_s)
-        self._wire.close()
-        with self._waking:
-            os.close(self._wake_out)
-            os.close(self._wake_in)
-            self._wake_out = self._wake_in = -1
+                    _guarded(rider, rider.pump, now_s)
+                if now_s >= beat_s:
+                    beat_s = now_s + (1.0 / self._options.heartbeat_hz if self._guarded(self._beat, now_s) else 0.0)
+                if now_s >= tick_s:
+                    tick_s = max(tick_s + period_s, now_s)
+                    for rider in riders:
+                        _guarded(rider, rider.tick, now_s)
+        finally:
+            self._wire.close()
+            with self._waking:
+                os.close(self._wake_out)
+                os.close(self._wake_in)
+                self._wake_out = self._wake_in = -1
+
+    def _guarded(self, call: Callable[..., bool | None], *values: Any) -> bool:
+        """Calls; what fails is told to every vehicle, and the thread goes on: their stops travel by it."""
+        try:
+            return bool(call(*values))
+        except Exception as error:
+            for rider in list(self._riders.values()):
+                rider.on_error(error)
+            self._stop.wait(FAILED_S)  # what fails at once, again and again, leaves the processor to others
+            return False
+
+    def _receive(self, now_s: float) -> None:
+        for data, peer in self._wire.receive():
+            self._guarded(self._take, data, peer, now_s)
+
+    def _beat(self, now_s: float) -> bool:
+        if not any(rider.alive(now_s) for rider in list(self._riders.values())):
+            return False
+        self.send(None, "heartbeat", w.GCS_TYPE, w.NO_AUTOPILOT, 0, 0, w.ACTIVE, 3)
+        return True
 
     def _sleep(self, most_s: float) -> None:
         wire = self._wire.fileno()
