@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
+import termios
 import time
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from drivers.errors import DriverError
 
 Peer = tuple[str, int] | None
 FORMS = "udpin:ADDRESS:PORT, udpout:HOST:PORT, tcp:HOST:PORT, /dev/tty..., or /dev/tty...:BAUD"
-TCP_RETRY_S = 1.0
+RETRY_S = 1.0
 
 
 class Wire(Protocol):
@@ -185,7 +188,7 @@ class _Tcp:
 
     def _broken(self) -> None:
         self.close()
-        self._retry_s = time.monotonic() + TCP_RETRY_S
+        self._retry_s = time.monotonic() + RETRY_S
 
     def _reopen(self) -> None:
         if time.monotonic() < self._retry_s:
@@ -194,7 +197,7 @@ class _Tcp:
             # on a network that swallows packets this takes its time: kept short, all else waits for it
             self._socket = self._ready(socket.create_connection(self._address, 0.2))
         except OSError:
-            self._retry_s = time.monotonic() + TCP_RETRY_S
+            self._retry_s = time.monotonic() + RETRY_S
 
     def close(self) -> None:
         if self._socket is not None:
@@ -203,29 +206,38 @@ class _Tcp:
 
 
 class _Serial:
-    """A telemetry radio or a cable."""
+    """A telemetry radio or a cable; one that was unplugged is opened again."""
 
     def __init__(self, device: str, baud: int) -> None:
         try:
             import serial  # type: ignore[import-untyped]  # noqa: PLC0415  only serial endpoints need it
         except ImportError as error:
             raise OSError("the package pyserial is missing (pip install pyserial)") from error
-        self._port: Any = serial.Serial(device, baud, timeout=0, exclusive=True)
+        self._open: Callable[[], Any] = lambda: serial.Serial(device, baud, timeout=0, exclusive=True)
+        self._port: Any = self._open()
+        self._retry_s = 0.0
         self._tail = b""
         self._longest = 0
         self._urgent = False
 
     def fileno(self) -> int:
-        return int(self._port.fileno())
+        return -1 if self._port is None else int(self._port.fileno())
 
     def receive(self) -> list[tuple[bytes, Peer]]:
+        if self._port is None:
+            self._reopen()
+            return []
         try:
             data = self._port.read(65535)
         except OSError:
+            # unplugged: it would be readable for ever
+            self._broken()
             return []
         return [(data, None)] if data else []
 
     def send(self, data: bytes, peer: Peer, urgent: bool = False) -> None:
+        if self._port is None:
+            return
         # Straight to the descriptor, which pyserial has made non-blocking: its own write goes round and round until a
         # full port takes everything.
         try:
@@ -238,8 +250,8 @@ class _Serial:
                 sent = self._write(data)
                 # a packet that has begun must end, or it spoils the next; one that has not is dropped
                 self._tail = data[sent:] if sent else b""
-        except OSError:
-            return
+        except (OSError, termios.error):
+            self._broken()
 
     def _write(self, data: bytes) -> int:
         try:
@@ -253,5 +265,21 @@ class _Serial:
             self._port.reset_output_buffer()
             self._tail = bytes(self._longest)
 
+    def _broken(self) -> None:
+        self.close()
+        self._tail, self._urgent = b"", False
+        self._retry_s = time.monotonic() + RETRY_S
+
+    def _reopen(self) -> None:
+        if time.monotonic() < self._retry_s:
+            return
+        try:
+            self._port = self._open()
+        except (OSError, termios.error):
+            self._retry_s = time.monotonic() + RETRY_S
+
     def close(self) -> None:
-        self._port.close()
+        if self._port is not None:
+            port, self._port = self._port, None
+            with contextlib.suppress(OSError, termios.error):
+                port.close()

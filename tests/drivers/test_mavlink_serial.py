@@ -98,3 +98,28 @@ def test_a_stop_goes_ahead_of_what_waits(radio: Radio, wire: Wire) -> None:
         wire.send(STOP, None, urgent=True)
     assert time.monotonic() - begun_s < 0.5
     assert radio.hears().endswith(bytes(len(PACKET)) + STOP * 3), "the cut packet is ended, and then it comes whole"
+
+
+def test_an_unplugged_radio_is_silent_and_comes_back(radio: Radio, wire: Wire) -> None:
+    radio.unplug()
+    deadline_s = time.monotonic() + 5.0
+    while wire.fileno() >= 0:
+        assert wire.receive() == []
+        assert time.monotonic() < deadline_s
+    wire.send(PACKET, None)
+    wire.send(STOP, None, urgent=True)
+    radio.plug()
+    while wire.fileno() < 0:
+        assert time.monotonic() < deadline_s
+        time.sleep(0.02)
+        assert wire.receive() == []
+    wire.send(PACKET, None)
+    assert radio.hears() == PACKET
+
+
+def test_a_send_to_an_unplugged_radio_harms_nobody(radio: Radio, wire: Wire) -> None:
+    radio.unplug()
+    for urgent in (False, True, False):
+        wire.send(PACKET, None, urgent=urgent)
+    assert wire.fileno() < 0
+    radio.plug()
