@@ -15,6 +15,8 @@ from drivers.vehicle import Vec3
 TUMBLED_RAD = math.radians(75.0)
 """Autopilots limit the tilt to 45 degrees or less; who leans more has lost control or lies on its side."""
 TUMBLED_S = 0.5
+YOUNG_MS = 60_000
+"""A clock that went back to less than this has started anew; one further on may be a late packet's."""
 NEVER = -math.inf
 
 
@@ -35,7 +37,8 @@ class Telemetry:
         texts: newest status texts with receipt time and severity.
         text_id: of the newest, which may go on.
         version: ``flight_sw_version`` of AUTOPILOT_VERSION.
-        rebooted: its clock went backwards since the last look.
+        back: messages in a row whose clock went backwards.
+        rebooted: its clock went backwards since the last look, and no heartbeat has said since that it is armed.
     """
 
     stamp_s: float = NEVER
@@ -66,6 +69,7 @@ class Telemetry:
     version: int | None = None
     origin_known: bool = False
     boot_ms: int | None = None
+    back: int = 0
     rebooted: bool = False
     text_id: int = 0
     texts: deque[tuple[float, int, str]] = field(default_factory=lambda: deque(maxlen=20))
@@ -112,14 +116,19 @@ class Telemetry:
 def _clock(t: Telemetry, boot_ms: int) -> None:
     # 3 s: messages of one link may overtake each other, a reboot starts again near 0
     if t.boot_ms is not None and boot_ms + 3000 < t.boot_ms:
+        t.back += 1
+        if boot_ms >= YOUNG_MS and t.back < 2:
+            return  # one late packet
         t.rebooted = True
-    t.boot_ms = boot_ms
+    t.back, t.boot_ms = 0, boot_ms
 
 
 def _heartbeat(t: Telemetry, m: Any, now_s: float, frame: MavlinkFrame) -> None:
     t.heartbeat_s = now_s
     t.autopilot, t.type = m.autopilot, m.type
     t.armed = bool(m.base_mode & w.ARMED_FLAG)
+    if t.armed:
+        t.rebooted = False  # nobody wakes up armed: the clock was that of late packets
     t.custom_mode, t.system_status = m.custom_mode, m.system_status
 
 

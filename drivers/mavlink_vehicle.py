@@ -320,7 +320,8 @@ class MavlinkVehicle:
                     self._desk.ask(request("heartbeat", w.REQUEST_MESSAGE, w.HEARTBEAT, loud=False), now_s)
         elif name == "PARAM_VALUE":
             self._take_parameter(message)
-        if t.rebooted:
+        # in the air nothing is reset: a reboot shows disarmed by the next heartbeat
+        if t.rebooted and not t.armed:
             t.rebooted = False
             self._after_reboot()
 

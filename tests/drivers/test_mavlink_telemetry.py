@@ -114,6 +114,20 @@ def test_no_fix_is_no_position() -> None:
 def test_a_clock_that_goes_back_is_a_reboot() -> None:
     assert not told(attitude(0.0, 60_000), attitude(0.0, 59_900)).rebooted
     assert told(attitude(0.0, 60_000), attitude(0.0, 900)).rebooted
+    assert told(*(attitude(0.0, ms) for ms in (900_000, 70_000, 70_050))).rebooted
+
+
+def test_a_late_packet_is_no_reboot() -> None:
+    t = told(*(attitude(0.0, ms) for ms in (900_000, 896_000, 900_050, 896_100, 900_100)))
+    assert not t.rebooted
+    assert t.boot_ms == 900_100
+
+
+def test_who_is_armed_was_not_rebooted() -> None:
+    late = [attitude(0.0, ms) for ms in (900_000, 896_000, 896_050)]
+    assert told(*late).rebooted
+    assert not told(*late, heartbeat(armed=True)).rebooted
+    assert told(*late, heartbeat(armed=False)).rebooted
 
 
 def test_long_texts_are_put_together() -> None:
