@@ -74,7 +74,11 @@ def test_many_ugvs_and_stops() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("options", [{}, {"meet": False}, {"every_site": True}], ids=str)
+@pytest.mark.parametrize(
+    "options",
+    [{}, *(pytest.param(o, marks=pytest.mark.slow) for o in ({"meet": False}, {"every_site": True}))],
+    ids=str,
+)
 def test_plans_are_feasible_and_as_described(name: str, options: dict) -> None:
     for team in ("1-1", "2-2"):
         problem = data_set(f"T15-P5_{team}").instance(800)
@@ -144,6 +148,7 @@ def test_mid_mission_states(team: str) -> None:
         assert (ref is None) == plan.feasible
 
 
+@pytest.mark.slow
 def test_time_limits_are_kept() -> None:
     problem = data_set("T45-P10_4-2").instance(800)
     result = solve(problem, Stop(time_s=2.0), 0, Params("gls"))

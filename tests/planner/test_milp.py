@@ -63,7 +63,7 @@ SLOW = pytest.mark.slow
 
 
 @pytest.mark.parametrize(
-    "kind", ["landed", "hover", pytest.param("power", marks=SLOW), pytest.param("poor", marks=SLOW), "midway"]
+    "kind", ["landed", *(pytest.param(kind, marks=SLOW) for kind in ("hover", "power", "poor", "midway"))]
 )
 def test_optima_are_those_of_trying_everything(kind: str) -> None:
     proven = feasible = recharged = 0
@@ -110,6 +110,7 @@ def test_seven_tasks_are_proven_in_seconds(team: tuple[int, int]) -> None:
         assert best.makespan_s >= plan.makespan_s - 0.03
 
 
+@SLOW
 def test_the_solver_agrees_with_itself_without_presolve() -> None:
     """OR-Tools 9.15 called some of these infeasible until one step of its presolve was switched off."""
     for index in (3, 12):
