@@ -70,6 +70,8 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
 def orderly_end() -> Iterator[None]:
     """Makes the end of the terminal or of the service (SIGHUP, SIGTERM) one that closes links and ends children.
 
+    An interrupt (SIGINT) counts too where a shell has switched it off, as it does for what a script starts with `&`.
+
     In flight the operator's own handlers take over: everybody comes down first.
     """
 
@@ -79,7 +81,7 @@ def orderly_end() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGHUP)}
+    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     try:
         yield
     finally:

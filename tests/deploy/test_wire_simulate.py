@@ -46,7 +46,13 @@ def test_identity_needs_motion_capture() -> None:
 @contextmanager
 def running(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], list[str]]]:
     """The program until the block ends, and what it says; Ctrl-C then ends it."""
-    program = subprocess.Popen([*PROGRAM, "simulate", *arguments], stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    program = subprocess.Popen(
+        # as a script's `... &` starts it: with interrupts switched off
+        ["sh", "-c", "trap '' INT; exec \"$@\"", "sh", *PROGRAM, "simulate", *arguments],
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+    )
     lines: list[str] = []
     said = threading.Event()
 
