@@ -6,7 +6,7 @@ import threading
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from drivers.vehicle import Pose, Vec2
+from drivers.vehicle import Command, Dock, Drive, GoTo, Land, Pose, TakeOff, Vec2
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +26,19 @@ class UavLimits:
     descent_mps: float
     altitude_m: float
 
+    def limited(self, command: Command) -> Command:
+        """``command`` with its speeds and altitudes cut down to these limits."""
+        match command:
+            case TakeOff(vehicle, altitude, speed):
+                return TakeOff(vehicle, min(altitude, self.altitude_m), min(speed, self.climb_mps))
+            case GoTo(vehicle, (x, y, z), speed):
+                return GoTo(vehicle, (x, y, min(z, self.altitude_m)), min(speed, self.max_speed_mps))
+            case Land(vehicle, speed):
+                return Land(vehicle, min(speed, self.descent_mps))
+            case Dock(vehicle, onto, dock, speed, abort):
+                return Dock(vehicle, onto, dock, min(speed, self.descent_mps), min(abort, self.altitude_m))
+        return command
+
 
 @dataclass(frozen=True, slots=True)
 class UgvLimits:
@@ -33,6 +46,12 @@ class UgvLimits:
 
     max_speed_mps: float
     accel_mps2: float
+
+    def limited(self, command: Command) -> Command:
+        """``command`` with the speed of a drive cut down to the limit."""
+        if isinstance(command, Drive):
+            return Drive(command.vehicle, command.path_m, min(command.speed_mps, self.max_speed_mps))
+        return command
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ import math
 import re
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from drivers import limo_status
@@ -247,7 +247,7 @@ class Limo:
             numbers = (command.speed_mps, *(c for point in command.path_m for c in point))
             if not command.path_m or not all(map(math.isfinite, numbers)) or command.speed_mps <= 0:
                 raise DriverError(f"{self._id}: {command} is no drive; give at least one point and a speed above 0")
-            command = replace(command, speed_mps=min(command.speed_mps, self._limits.max_speed_mps))
+            command = self._limits.limited(command)
         with self._lock:
             self._accept(command)
         return command

@@ -47,6 +47,7 @@ class MavlinkUav(MavlinkVehicle):
     """
 
     kind = "uav"
+    _limits: UavLimits
 
     def __init__(
         self,
@@ -98,19 +99,6 @@ class MavlinkUav(MavlinkVehicle):
                 raise DriverError(f"{self._id}: a uav cannot do {name}")
         if not numbers_are_sound(*numbers) or speed <= 0:
             raise DriverError(f"{self._id}: {command} has a number that is not finite or a speed that is not above 0")
-
-    def _limited(self, command: Command) -> Command:
-        limits = self._limits
-        match command:
-            case TakeOff(vehicle, altitude, speed):
-                return TakeOff(vehicle, min(altitude, limits.altitude_m), min(speed, limits.climb_mps))
-            case GoTo(vehicle, (x, y, z), speed):
-                return GoTo(vehicle, (x, y, min(z, limits.altitude_m)), min(speed, limits.max_speed_mps))
-            case Land(vehicle, speed):
-                return Land(vehicle, min(speed, limits.descent_mps))
-            case Dock(vehicle, onto, dock, speed, abort):
-                return Dock(vehicle, onto, dock, min(speed, limits.descent_mps), min(abort, limits.altitude_m))
-        return command
 
     def _seen(self, now_s: float, dt_s: float) -> Seen:
         assert self._dialect is not None

@@ -18,6 +18,7 @@ class MavlinkUgv(MavlinkVehicle):
     """A rover; arguments as for ``MavlinkUav``."""
 
     kind = "ugv"
+    _limits: UgvLimits
 
     def __init__(
         self,
@@ -51,11 +52,6 @@ class MavlinkUgv(MavlinkVehicle):
                     raise DriverError(f"{self._id}: {command} has a number that is not finite or a speed not above 0")
             case _:
                 raise DriverError(f"{self._id}: a ugv cannot do {type(command).__name__}")
-
-    def _limited(self, command: Command) -> Command:
-        if isinstance(command, Drive):
-            return Drive(command.vehicle, command.path_m, min(command.speed_mps, self._limits.max_speed_mps))
-        return command
 
     def _take(self, command: Command, now_s: float) -> None:
         match command:

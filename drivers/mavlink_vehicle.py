@@ -20,7 +20,7 @@ from drivers.clock import Clock
 from drivers.errors import DriverError
 from drivers.geodesy import GeoFrame
 from drivers.last_will import Argument, LastWill
-from drivers.limits import PoseBook
+from drivers.limits import PoseBook, UavLimits, UgvLimits
 from drivers.mavlink_checks import Shown, findings
 from drivers.mavlink_commands import Desk, Request, request
 from drivers.mavlink_dialect import Dialect, described, kind_of
@@ -48,6 +48,7 @@ class MavlinkVehicle:
     """The common part of ``MavlinkUav`` and ``MavlinkUgv``."""
 
     kind: Kind
+    _limits: UavLimits | UgvLimits
     _streams: tuple[Stream, ...] = ()
 
     def __init__(
@@ -158,7 +159,7 @@ class MavlinkVehicle:
         link = self._link
         if link is None:
             raise DriverError(f"{self._id}: not connected; call connect first")
-        sent = self._limited(command)
+        sent = self._limits.limited(command)
         self._called_s = self._clock.now()
         with self._lock:
             if isinstance(sent, StopMotors):
@@ -521,9 +522,6 @@ class MavlinkVehicle:
     # ------------------------------------------------------------------------------- for copters and rovers
 
     def _check(self, command: Command) -> None:
-        raise NotImplementedError
-
-    def _limited(self, command: Command) -> Command:
         raise NotImplementedError
 
     def _take(self, command: Command, now_s: float) -> None:
