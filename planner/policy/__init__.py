@@ -1,0 +1,1 @@
+"""CoPCS, the learned planner: graphs, tokens and masks, networks, training data, decoding."""
