@@ -33,8 +33,7 @@ def evaluator_us(problem: Problem, actions: list[Action], calls: int = 20_000) -
     """Time of the compiled evaluator alone, in microseconds."""
     a: Arrays = arrays_of(problem)
     acts = encode(problem, actions)
-    on = np.ones(len(a.uavs), np.uint8), np.ones(len(a.ugvs), np.uint8)
-    args = (acts, len(acts), *a.fixed, *on, np.inf, np.empty((0, 9)), *a.scratch())
+    args = (a.world(), a.work(), acts, len(acts), np.inf, np.empty((0, 9)))
 
     from numba import njit  # noqa: PLC0415  (only to leave the interpreter out of the measurement)
 

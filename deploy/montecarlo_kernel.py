@@ -75,7 +75,7 @@ def _leg(
 
 @jit
 def propagate(
-    acts: Ints,  # (n,), as planner.kernel packs them
+    acts: k.Codes,  # (n,), as planner.kernel packs them
     legs: Floats,  # (n + U, 3) metres and unit vector of each flight; behind the actions the recoveries
     drives: Floats,  # (n,) metres of each drive
     first: NDArray[np.uint8],  # (n + U,) 1 where the flight is the UAV's first, from its pad
@@ -130,7 +130,7 @@ def propagate(
         span, last = 0.0, 0.0
         for i in range(n):
             a = acts[i]
-            kind, v, target = a >> 24, (a >> 12) & 4095, a & 4095
+            kind, v, target = a >> k.KIND, (a >> k.VEHICLE) & k.MASK, a & k.MASK
             if kind == k.MOVE:
                 drive = 0.0
                 lost = 0.0

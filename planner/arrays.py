@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from planner import kernel
 from planner.errors import PlannerError
-from planner.kernel import Floats, Ints
+from planner.kernel import Codes, Flags, Floats, Ints, Work, World
 from planner.plan import Action, Move, Recharge, Visit
 from planner.problem import Problem
 
@@ -20,7 +20,7 @@ MAX_COUNT = 4096  # an action packs the vehicle and its target into 12 bits each
 
 @dataclass(frozen=True, slots=True)
 class Arrays:
-    """A problem for the kernels; shapes are in ``planner.kernel.run``, the order is that of its arguments."""
+    """A problem for the kernels; see ``planner.kernel.World``. ``near_site`` is the index of the nearest site."""
 
     dist: Floats
     near: Floats
@@ -30,23 +30,38 @@ class Arrays:
     ugvs: Floats
     site0: Ints
     docks0: Floats
-    visited: NDArray[np.uint8]
+    visited: Flags
 
-    @property
-    def fixed(self) -> tuple[Floats, Floats, Floats, Floats, Floats, Ints, Floats, NDArray[np.uint8]]:
-        """The arguments of ``kernel.run`` that do not change with the plan, in its order."""
-        return self.dist, self.near, self.road, self.uavs, self.ugvs, self.site0, self.docks0, self.visited
+    def world(self, exclude_uavs: Collection[int] = (), exclude_ugvs: Collection[int] = ()) -> World:
+        """The problem without the excluded vehicles.
 
-    def scratch(self) -> tuple[Ints, Floats, Ints, Floats, Floats, NDArray[np.uint8], Floats]:
-        """Fresh work space for ``kernel.run``, in its order; the last array holds the results."""
+        Raises:
+            PlannerError: when an excluded vehicle does not exist.
+        """
+        return World(
+            self.dist,
+            self.near,
+            self.road,
+            self.uavs,
+            self.ugvs,
+            self.site0,
+            self.docks0,
+            self.visited,
+            switched_on("uav", len(self.uavs), exclude_uavs),
+            switched_on("ugv", len(self.ugvs), exclude_ugvs),
+        )
+
+    def work(self, *, unique: bool = False) -> Work:
+        """Fresh work space; with ``unique`` the caller vouches that no plan visits a task twice."""
         n_uavs, n_ugvs = len(self.uavs), len(self.ugvs)
-        return (
+        return Work(
             np.empty(n_uavs, np.int32),
             np.empty((n_uavs, 2)),
             np.empty(n_ugvs, np.int32),
             np.empty((n_ugvs, 4)),
             np.empty(self.docks0.shape),
-            np.empty(len(self.visited), np.uint8),
+            np.empty(0 if unique else len(self.visited), np.uint8),
+            np.empty(kernel.SUMS_SIZE),
             np.empty(kernel.OUT_SIZE),
         )
 
@@ -123,34 +138,62 @@ def _make(problem: Problem) -> Arrays:
     )
 
 
-def encode(problem: Problem, actions: Sequence[Action]) -> Ints:
+def encode(problem: Problem, actions: Sequence[Action]) -> Codes:
     """The actions as the kernels take them, (n,).
 
     Raises:
         PlannerError: when an action names a task, path point or vehicle that does not exist.
     """
-    n_tasks, n_points = len(problem.tasks), len(problem.path_points)
-    n_uavs, n_ugvs = len(problem.uavs), len(problem.ugvs)
+    return np.array([_code(problem, i, act) for i, act in enumerate(actions)], dtype=np.int64)
+
+
+def encode_meets(problem: Problem, actions: Sequence[Action]) -> Codes:
+    """The actions as visits and meetings (``kernel.MEET``), (n,); moves to where nobody recharges are left out.
+
+    A recharge at a UGV that is between path points is left out, too: there is no place to meet.
+
+    Raises:
+        PlannerError: as ``encode``.
+    """
+    n_sites = len(problem.sites)
+    site = arrays_of(problem).site0.tolist()
     codes = []
-    for i, a in enumerate(actions):
-        if isinstance(a, Visit):
-            _exists(i, "uav", a.uav, n_uavs)
-            _exists(i, "task", a.task, n_tasks)
-            codes.append(kernel.VISIT << 24 | a.uav << 12 | a.task)
-        elif isinstance(a, Recharge):
-            _exists(i, "uav", a.uav, n_uavs)
-            _exists(i, "ugv", a.ugv, n_ugvs)
-            codes.append(kernel.RECHARGE << 24 | a.uav << 12 | a.ugv)
-        elif isinstance(a, Move):
-            _exists(i, "ugv", a.ugv, n_ugvs)
-            point = n_points
-            if a.path_point is not None:
-                point = a.path_point
-                _exists(i, "path point", point, n_points)
-            codes.append(kernel.MOVE << 24 | a.ugv << 12 | point)
-        else:
-            raise PlannerError(f"actions[{i}] is {a!r}; give a Visit, Move or Recharge")
-    return np.array(codes, dtype=np.int32)
+    for i, act in enumerate(actions):
+        code = _code(problem, i, act)
+        if isinstance(act, Move):
+            site[act.ugv] = code & kernel.MASK
+            continue
+        if isinstance(act, Recharge):
+            if site[act.ugv] >= n_sites:
+                continue
+            code = meet(act.uav, act.ugv, site[act.ugv])
+        codes.append(code)
+    return np.array(codes, dtype=np.int64)
+
+
+def meet(uav: int, ugv: int, site: int) -> int:
+    """The code of a meeting."""
+    return kernel.MEET << kernel.KIND | uav << kernel.VEHICLE | site << kernel.SITE | ugv
+
+
+def _code(problem: Problem, i: int, act: Action) -> int:
+    n_points, n_uavs, n_ugvs = len(problem.path_points), len(problem.uavs), len(problem.ugvs)
+    if isinstance(act, Visit):
+        _exists(i, "uav", act.uav, n_uavs)
+        _exists(i, "task", act.task, len(problem.tasks))
+        return kernel.VISIT << kernel.KIND | act.uav << kernel.VEHICLE | act.task
+    if isinstance(act, Recharge):
+        _exists(i, "uav", act.uav, n_uavs)
+        _exists(i, "ugv", act.ugv, n_ugvs)
+        return kernel.RECHARGE << kernel.KIND | act.uav << kernel.VEHICLE | act.ugv
+    if isinstance(act, Move):
+        _exists(i, "ugv", act.ugv, n_ugvs)
+        point = n_points
+        if act.path_point is not None:
+            point = act.path_point
+            _exists(i, "path point", point, n_points)
+        return kernel.MOVE << kernel.KIND | act.ugv << kernel.VEHICLE | point
+    raise PlannerError(f"actions[{i}] is {act!r}; give a Visit, Move or Recharge")
 
 
 def _exists(action: int, what: str, index: int, count: int) -> None:
@@ -158,18 +201,30 @@ def _exists(action: int, what: str, index: int, count: int) -> None:
         raise PlannerError(f"actions[{action}]: {what} {index} does not exist; there are {count}")
 
 
-def decode(problem: Problem, codes: Ints) -> tuple[Action, ...]:
-    """The actions that ``codes`` stand for; the inverse of ``encode``."""
+def decode(problem: Problem, codes: Codes) -> tuple[Action, ...]:
+    """The actions that ``codes`` stand for; a meeting is a recharge, after a move where the UGV is elsewhere."""
     actions: list[Action] = []
+    site = arrays_of(problem).site0.tolist()
     for code in codes.tolist():
-        kind, vehicle, target = code >> 24, code >> 12 & 4095, code & 4095
+        kind, vehicle, target = code >> kernel.KIND, code >> kernel.VEHICLE & kernel.MASK, code & kernel.MASK
         if kind == kernel.VISIT:
             actions.append(Visit(vehicle, target))
         elif kind == kernel.RECHARGE:
             actions.append(Recharge(vehicle, target))
+        elif kind == kernel.MOVE:
+            actions.append(_move(problem, vehicle, target))
+            site[vehicle] = target
         else:
-            actions.append(Move(vehicle, None if target == problem.depot_index else target))
+            where = code >> kernel.SITE & kernel.MASK
+            if site[target] != where:
+                actions.append(_move(problem, target, where))
+                site[target] = where
+            actions.append(Recharge(vehicle, target))
     return tuple(actions)
+
+
+def _move(problem: Problem, ugv: int, site: int) -> Move:
+    return Move(ugv, None if site == problem.depot_index else site)
 
 
 def switched_on(what: str, count: int, excluded: Collection[int]) -> NDArray[np.uint8]:

@@ -67,10 +67,12 @@ def entries() -> list[Entry]:
         )  # fmt: skip
     for method, words in _NAMES.items():
         tour = {"every_site": True}
-        made.append(Entry(f"{method}-tour", method, SEARCH_S, f"OR-Tools {words}, UGVs tour the path points", tour))
+        says = f"OR-Tools {words}, UGVs tour the path points"
+        made.append(Entry(f"{method}-tour", method, SEARCH_S, says, tour, PUBLISHED_COUNT))
     for method, words in _NAMES.items():
         free = {"meet": False}
-        made.append(Entry(f"{method}-free", method, SEARCH_S, f"OR-Tools {words}, meets UGVs only when needed", free))
+        says = f"OR-Tools {words}, meets UGVs only when needed"
+        made.append(Entry(f"{method}-free", method, SEARCH_S, says, free, PUBLISHED_COUNT))
     made.append(
         Entry("milp", "milp", {"T15-P5": 60.0, "T45-P10": 60.0}, "exact method, 60 s on one core", {}, PUBLISHED_COUNT)
     )

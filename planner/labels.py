@@ -29,7 +29,6 @@ from typing import Any
 import numpy as np
 from rich.progress import Progress
 
-from planner.arrays import decode, encode
 from planner.errors import PlannerError
 from planner.instances import DATA_SETS, SIZE, data_set
 from planner.order import canonical
@@ -121,14 +120,15 @@ def make_chunk(name: str, first: int, expert: Expert) -> bytes:
     """The labels of instances ``first`` to ``first + CHUNK - 1`` as a compressed ``.npz`` file."""
     one = data_set(name)
     steps = expert.steps(one.setup)
-    codes, start, spans, took, longer = [], [0], [], [], []
+    rows: list[tuple[int, int, int]] = []
+    start, spans, took, longer = [0], [], [], []
     for index in range(first, first + CHUNK):
         problem = one.instance(index)
         result = solve(problem, Stop(iterations=steps), expert.seed + index)
         if not result.plan.feasible:
             raise PlannerError(f"{name} {index}: no feasible plan in {steps} steps: {result.plan.schedule.violation}")
         actions = in_order(problem, result.plan.actions)
-        codes.append(encode(problem, actions))
+        rows += [_row(act) for act in actions]
         start.append(start[-1] + len(actions))
         spans.append(evaluate(problem, actions).makespan_s)
         took.append(result.time_s)
@@ -142,13 +142,30 @@ def make_chunk(name: str, first: int, expert: Expert) -> bytes:
         file,
         index=np.arange(first, first + CHUNK, dtype=np.int32),
         start=np.array(start, np.int32),
-        actions=np.concatenate(codes).astype(np.int32),
+        actions=np.array(rows, np.int16),
         makespan_s=np.array(spans),
         planning_s=np.array(took, np.float32),
         longer_s=np.array(longer),
         about=np.array(json.dumps(about)),
     )
     return file.getvalue()
+
+
+def _row(act: Action) -> tuple[int, int, int]:
+    """Kind (0 visit, 1 recharge, 2 move), vehicle and target; -1 is the depot."""
+    if isinstance(act, Visit):
+        return 0, act.uav, act.task
+    if isinstance(act, Recharge):
+        return 1, act.uav, act.ugv
+    return 2, act.ugv, -1 if act.path_point is None else act.path_point
+
+
+def _act(kind: int, vehicle: int, target: int) -> Action:
+    if kind == 0:
+        return Visit(vehicle, target)
+    if kind == 1:
+        return Recharge(vehicle, target)
+    return Move(vehicle, None if target < 0 else target)
 
 
 def read(folder: Path, name: str) -> Iterator[Label]:
@@ -165,11 +182,11 @@ def read(folder: Path, name: str) -> Iterator[Label]:
         if json.loads(str(data["about"]))["digest"] != one.instance(first).digest:
             raise PlannerError(f"{path}: these labels are of other instances; make them again")
         for k, index in enumerate(data["index"].tolist()):
-            codes = data["actions"][data["start"][k] : data["start"][k + 1]]
+            rows = data["actions"][data["start"][k] : data["start"][k + 1]].tolist()
             longer = float(data["longer_s"][k])
             yield Label(
                 index,
-                decode(one.instance(index), codes),
+                tuple(_act(*row) for row in rows),
                 float(data["makespan_s"][k]),
                 float(data["planning_s"][k]),
                 None if math.isnan(longer) else longer,

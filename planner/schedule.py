@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planner import kernel
-from planner.arrays import arrays_of, encode, switched_on
+from planner.arrays import arrays_of, encode
 from planner.kernel import Floats, Ints
 from planner.plan import Action, Move, Recharge, Recovery, Schedule, ScheduledAction, Visit
 from planner.problem import Problem
@@ -141,10 +141,9 @@ def _run(
     acts = encode(problem, actions)
     n = len(acts)
     rows = np.empty((n if detail else 0, 9))
-    on = switched_on("uav", len(a.uavs), exclude_uavs), switched_on("ugv", len(a.ugvs), exclude_ugvs)
-    node, us, site, gs, docks, seen, out = a.scratch()
-    kernel.run(acts, n, *a.fixed, *on, np.inf, rows, node, us, site, gs, docks, seen, out)
-    return rows, out, node, us
+    work = a.work()
+    kernel.run(a.world(exclude_uavs, exclude_ugvs), work, acts, n, np.inf, rows)
+    return rows, work.out, work.node, work.us
 
 
 def _name(kind: str, index: int, vehicle_id: str) -> str:

@@ -6,32 +6,36 @@ Searching over the list that the evaluator decodes needs no bookkeeping of how r
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from planner import kernel, search_kernel
-from planner.arrays import Arrays, arrays_of, decode, encode, switched_on
+from planner import kernel, ruin_kernel, search_kernel
+from planner.arrays import arrays_of, decode, encode, encode_meets
 from planner.construct import construct
 from planner.errors import PlannerError
-from planner.kernel import Ints
+from planner.kernel import Codes, Work, World
+from planner.moves_kernel import Around, Counts
 from planner.order import canonical
 from planner.plan import Action, Move, Plan, Recharge, Visit
 from planner.problem import Problem
+from planner.ruin_kernel import Tools
 from planner.schedule import evaluate
+from planner.search_kernel import Marks
 from planner.solve import Params, Result, Stop
 
-# With some thirty arguments each, unpacked from tuples, the kernels' signatures are beyond the type checker.
-_run: Callable[..., bool] = kernel.run
-_settle: Callable[..., None] = search_kernel.settle
-_anneal_steps: Callable[..., float] = search_kernel.anneal
-
+NEIGHBOURS = 16  # of each task, for the moves
 CHUNK = 2_000  # steps between two looks at the clock and changes of the shortage's weight
 UNVISITED_WALK_S = 2e4  # what a task left out costs on the walk, where leaving out is allowed
 WARM = 0.15  # share of the first temperature for a warm start: its structure is worth keeping
+MOST_WORKERS = 64
+DRIVE = 1e-2  # what a second that a UGV drives costs on the walk
+THRIFT_FROM = 0.9  # from this share of the budget on, UGVs shall drive less within the makespan reached
+THRIFT = 5e-2  # what a second that a UGV drives costs then
+SEEDS = 1 << 40  # from one worker's seed to the next
 CLOCK_GUESS_PER_S = 400_000.0  # first guess of steps per second, only to shape the first chunks
 
 
@@ -45,13 +49,17 @@ class Options:
         exclude_ugvs: indices of UGVs that get no action.
         hot: first temperature as a share of the best makespan so far.
         cold: last temperature as such a share.
+        ruin: share of steps with a large move, see ``planner.ruin_kernel``.
+        workers: walks at the same time, each in a thread of its own; the best one counts. Steps are shared out.
     """
 
     allow_partial: bool = False
     exclude_uavs: frozenset[int] = frozenset()
     exclude_ugvs: frozenset[int] = frozenset()
     hot: float = 0.08
-    cold: float = 0.0005
+    cold: float = 0.001
+    ruin: float = 0.15
+    workers: int = 1
 
     @classmethod
     def read(cls, options: Mapping[str, Any]) -> Options:
@@ -60,7 +68,7 @@ class Options:
         Raises:
             PlannerError: for an unknown option or a wrong value.
         """
-        known = ("allow_partial", "exclude_uavs", "exclude_ugvs", "hot", "cold")
+        known = [f.name for f in fields(cls)]
         if unknown := sorted(set(options) - set(known)):
             raise PlannerError(f"method 'search' has no option {unknown[0]!r}; there are {', '.join(known)}")
         values = dict(options)
@@ -76,61 +84,128 @@ class Options:
         if not isinstance(values.get("allow_partial", False), bool):
             raise PlannerError(f"option allow_partial is {values['allow_partial']!r}; give true or false")
         made = cls(**values)
-        for name in ("hot", "cold"):
+        for name, most in (("hot", float("inf")), ("cold", float("inf")), ("ruin", 1.0)):
             value = getattr(made, name)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
-                raise PlannerError(f"option {name} is {value!r}; give a number above 0")
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < most:
+                limit = "" if most > 1.0 else " and below 1"
+                raise PlannerError(f"option {name} is {value!r}; give a number above 0{limit}")
+        if type(made.workers) is not int or not 0 < made.workers <= MOST_WORKERS:
+            raise PlannerError(f"option workers is {made.workers!r}; give a whole number from 1 to {MOST_WORKERS}")
         return made
 
 
 class _Search:
-    """The state of one search: arrays for the kernels, the current and the best plan."""
+    """What all walks of one search share, and the scoring of plans."""
 
-    def __init__(self, problem: Problem, seed: int, options: Options) -> None:
+    def __init__(self, problem: Problem, options: Options) -> None:
         self.problem, self.options = problem, options
-        a = self.arrays = arrays_of(problem)
-        self.uav_on = switched_on("uav", len(a.uavs), options.exclude_uavs)
-        self.ugv_on = switched_on("ugv", len(a.ugvs), options.exclude_ugvs)
-        self.uav_list = np.flatnonzero(self.uav_on).astype(np.int32)
-        self.ugv_list = np.flatnonzero(self.ugv_on).astype(np.int32)
-        self.near_tasks, self.near_sites = _neighbours(a)
-        self.scratch = a.scratch()
+        self.arrays = arrays_of(problem)
+        self.visited = self.arrays.visited
+        self.world = self.arrays.world(options.exclude_uavs, options.exclude_ugvs)
+        self.work = self.arrays.work(unique=True)
+        self.around = _around(self.world)
         self.rows = np.empty((0, 9))
         # Where tasks may be left out, no number of visits makes up for a vehicle that is lost.
         self.short_s = 1e9 if options.allow_partial else 1e3
-        todo = int((a.visited == 0).sum())
-        self.capacity = 4 * todo + 8 * len(a.uavs) + 64
+        todo = int((self.visited == 0).sum())
+        self.capacity = 4 * todo + 8 * len(self.world.uavs) + 64
+
+    def pack(self, actions: Sequence[Action], fill: bool) -> _Draft:
+        """``actions`` and a pool of what they do not visit; where ``fill``, the pool is put in at once."""
+        codes = encode_meets(self.problem, actions)
+        seen = {a.task for a in actions if isinstance(a, Visit)}
+        pool = [m for m in np.flatnonzero(self.visited == 0).tolist() if m not in seen]
+        acts = np.zeros(max(self.capacity, len(codes) + len(pool) + 64), np.int64)
+        acts[: len(codes)] = codes
+        acts[len(codes) : len(codes) + len(pool)] = pool
+        draft = _Draft(acts, np.array([len(codes), len(pool)], dtype=np.int64))
+        self.settle(draft, fill)
+        return draft
+
+    def settle(self, draft: _Draft, fill: bool) -> None:
+        uavs = self.around.uavs
+        search_kernel.settle(draft.acts, draft.counts, self.world, self.work, self.rows, uavs, fill, self.short_s)
+
+    def score(self, draft: _Draft) -> float:
+        n = int(draft.counts[0])
+        kernel.run(self.world, self.work, draft.acts, n, np.inf, self.rows)
+        return search_kernel.score(self.work.out, n, self.short_s, search_kernel.UNVISITED_S, 0.0, search_kernel.DRIVE)
+
+
+@dataclass(frozen=True, slots=True)
+class _Draft:
+    """A plan for the kernels: actions and tasks left out, and how many of each, see ``moves_kernel``."""
+
+    acts: Codes
+    counts: Counts
+
+    def copy(self) -> _Draft:
+        return _Draft(self.acts.copy(), self.counts.copy())
+
+
+class _Budget:
+    """How much of a walker's time or steps is used."""
+
+    def __init__(self, stop: Stop, begun: float) -> None:
+        self.stop, self.begun = stop, begun
+        self.done = 0
+
+    def steps(self) -> int:
+        """Steps up to the next look at the clock; 0 once the budget is used up."""
+        if self.share() >= 1.0:
+            return 0
+        return CHUNK if self.stop.iterations is None else min(CHUNK, self.stop.iterations - self.done)
+
+    def share(self, more: int = 0) -> float:
+        """The share of the budget that is used, or will be after ``more`` steps."""
+        steps = (self.done + more) / max(1, self.stop.iterations) if self.stop.iterations is not None else 0.0
+        used = 0.0
+        if self.stop.time_s is not None:
+            spent = time.perf_counter() - self.begun
+            pace = spent / self.done if self.done else 1.0 / CLOCK_GUESS_PER_S
+            used = (spent + more * pace) / self.stop.time_s
+        return min(1.0, max(steps, used))
+
+
+class _Walker:
+    """Walks one after the other, in one thread; its random numbers and work space are its own."""
+
+    def __init__(self, s: _Search, seed: int, budget: _Budget) -> None:
+        self.s, self.budget = s, budget
+        self.work = s.arrays.work(unique=True)
         # xorshift's state may not be 0; the multiplication spreads small seeds over all bits
         self.rng = np.array([(seed * 0x9E3779B97F4A7C15 + 0xD1B54A32D192ED03) & (1 << 64) - 1 or 1], dtype=np.uint64)
 
-    @property
-    def fixed(self) -> tuple[Any, ...]:
-        return (*self.arrays.fixed, self.uav_on, self.ugv_on)
-
-    def pack(self, actions: Sequence[Action], fill: bool) -> tuple[Ints, NDArray[np.int64]]:
-        """``actions`` and a pool of what they do not visit; where ``fill``, the pool is put in at once."""
-        codes = encode(self.problem, actions)
-        seen = {a.task for a in actions if isinstance(a, Visit)}
-        pool = [m for m in np.flatnonzero(self.arrays.visited == 0).tolist() if m not in seen]
-        acts = np.zeros(max(self.capacity, len(codes) + len(pool) + 64), np.int32)
-        acts[: len(codes)] = codes
-        acts[len(codes) : len(codes) + len(pool)] = pool
-        counts = np.array([len(codes), len(pool)], dtype=np.int64)
-        self.settle(acts, counts, fill)
-        return acts, counts
-
-    def settle(self, acts: Ints, counts: NDArray[np.int64], fill: bool) -> None:
-        _settle(acts, counts, *self.fixed, self.rows, *self.scratch, self.uav_list, fill, self.short_s)
-
-    def score(self, acts: Ints, counts: NDArray[np.int64]) -> float:
-        n = int(counts[0])
-        node, us, site, gs, docks, seen, out = self.scratch
-        _run(acts, n, *self.fixed, np.inf, self.rows, node, us, site, gs, docks, seen, out)
-        return search_kernel.score(out, n, self.short_s, search_kernel.UNVISITED_S)
-
-    def makespan(self, acts: Ints, counts: NDArray[np.int64]) -> float:
-        self.score(acts, counts)
-        return max(1.0, float(self.scratch[-1][kernel.O_MAKESPAN]))
+    def walk(self, first: _Draft, heat: float) -> _Draft:
+        """The best plan on a walk from ``first`` that takes the whole budget; ``heat`` scales the temperature."""
+        s, o, best, current = self.s, self.s.options, first.copy(), first.copy()
+        least, most = (200.0, 1e5) if o.allow_partial else (2.0, 1e3)
+        weight = 5.0 * least
+        tools, marks = _space(s.world, self.work, len(best.acts))
+        cap_s = 0.0
+        while (steps := self.budget.steps()) > 0:
+            share = self.budget.share()
+            after = max(share, self.budget.share(steps))
+            # the first plan may be far longer than what soon is found
+            kernel.run(s.world, self.work, best.acts, int(best.counts[0]), np.inf, s.rows)
+            scale = max(1.0, float(self.work.out[kernel.O_MAKESPAN]))
+            hot = max(o.hot * heat, o.cold) * scale
+            cold = o.cold * scale
+            begin, end = (hot * (cold / hot) ** min(1.0, x / THRIFT_FROM) for x in (share, after))
+            if share >= THRIFT_FROM and cap_s == 0.0:
+                cap_s = scale + 1e-6
+                current = best.copy()
+            fine = search_kernel.anneal(
+                best.acts, best.counts, current.acts, current.counts, s.world, self.work, s.around, tools, marks,
+                s.rows, o.allow_partial, self.rng, steps, begin, end, weight, UNVISITED_WALK_S, s.short_s, o.ruin,
+                cap_s, THRIFT if cap_s > 0.0 else DRIVE,
+            )  # fmt: skip
+            if fine < 0.4:
+                weight = min(weight * 1.25, most)
+            elif fine > 0.7:
+                weight = max(weight / 1.25, least)
+            self.budget.done += steps
+        return best
 
 
 def search(problem: Problem, stop: Stop, seed: int, params: Params) -> Result:
@@ -141,71 +216,68 @@ def search(problem: Problem, stop: Stop, seed: int, params: Params) -> Result:
     """
     begun = time.perf_counter()
     options = Options.read(params.options)
-    s = _Search(problem, seed, options)
-    if len(s.uav_list) == 0 or bool(problem.visited.all()):
+    s = _Search(problem, options)
+    if len(s.around.uavs) == 0 or bool(problem.visited.all()):
         return _result(problem, (), options, 0)
     starts: list[Sequence[Action]] = []
     if params.start is not None:
         starts.append(_repair(problem, params.start, options))
     starts += construct(problem, options.exclude_uavs, options.exclude_ugvs)
-    packed = [s.pack(actions, fill=not options.allow_partial) for actions in starts]
-    best, best_counts = min(packed, key=lambda x: s.score(*x))
-    warm = params.start is not None and best is packed[0][0]
-    size = max(len(acts) for acts, _ in packed)
-    best = np.concatenate([best, np.zeros(size - len(best), np.int32)])
-    done = _anneal(s, best, best_counts, stop, begun, WARM if warm else 1.0)
-    s.settle(best, best_counts, fill=not options.allow_partial)
-    return _result(problem, decode(problem, best[: int(best_counts[0])]), options, done)
+    drafts = [s.pack(actions, fill=not options.allow_partial) for actions in starts]
+    first = min(drafts, key=s.score)
+    warm = params.start is not None and first is drafts[0]
+    n = options.workers
+    each = stop if stop.iterations is None else replace(stop, iterations=-(-stop.iterations // n))
+    walkers = [_Walker(s, seed + SEEDS * k, _Budget(each, begun)) for k in range(n)]
+    with ThreadPoolExecutor(n) as pool:  # the kernels free the GIL
+        found = list(pool.map(lambda w: w.walk(first, WARM if warm else 1.0), walkers))
+    best = min(found, key=s.score)
+    s.settle(best, fill=not options.allow_partial)
+    done = sum(w.budget.done for w in walkers)
+    return _result(problem, decode(problem, best.acts[: int(best.counts[0])]), options, done)
 
 
-def _anneal(s: _Search, best: Ints, best_counts: NDArray[np.int64], stop: Stop, begun: float, heat: float) -> int:
-    """Improves ``best`` in place until ``stop``; how many steps it took. ``heat`` scales the first temperature."""
-    current, counts = best.copy(), best_counts.copy()
-    least, most = (200.0, 1e5) if s.options.allow_partial else (2.0, 1e3)
-    weight = 5.0 * least
-    done = 0
-    share = 0.0
-    while True:
-        steps = CHUNK if stop.iterations is None else min(CHUNK, stop.iterations - done)
-        if steps <= 0:
-            return done
-        after = (done + steps) / stop.iterations if stop.iterations is not None else 0.0
-        if stop.time_s is not None:
-            used = time.perf_counter() - begun
-            if used >= stop.time_s:
-                return done
-            share = max(share, used / stop.time_s)
-            pace = used / done if done else 1.0 / CLOCK_GUESS_PER_S
-            after = max(after, (used + steps * pace) / stop.time_s)
-        after = min(max(after, share), 1.0)
-        scale = s.makespan(best, best_counts)  # the first plan may be far longer than what soon is found
-        hot = max(s.options.hot * heat, s.options.cold) * scale
-        cold = s.options.cold * scale
-        fine = _anneal_steps(
-            best, best_counts, current, counts, *s.fixed, s.rows, *s.scratch,
-            s.near_tasks, s.near_sites, s.uav_list, s.ugv_list, s.options.allow_partial, s.rng,
-            steps, hot * (cold / hot) ** share, hot * (cold / hot) ** after, weight,
-            UNVISITED_WALK_S, s.short_s,
-        )  # fmt: skip
-        if fine < 0.4:
-            weight = min(weight * 1.25, most)
-        elif fine > 0.7:
-            weight = max(weight / 1.25, least)
-        done += steps
-        if stop.iterations is not None:
-            share = max(share, done / stop.iterations)
+def _space(world: World, work: Work, size: int) -> tuple[Tools, Marks]:
+    """Work space for plans of up to ``size`` actions and tasks left out."""
+    n_tasks, n_uavs, n_ugvs = len(world.visited), len(world.uavs), len(world.ugvs)
+    tools = Tools(
+        np.zeros(n_tasks, np.uint8),
+        np.empty(ruin_kernel.MOST, np.int32),
+        np.empty(size),
+        np.empty(size, np.int32),
+        np.empty(size, np.int32),
+        np.empty(size, np.int32),
+        np.empty(size + n_uavs),
+        np.empty(n_uavs, np.int32),
+        np.empty(n_uavs, np.int32),
+        np.empty(n_uavs),
+    )
+    k = size // search_kernel.EVERY + 1
+    marks = Marks(
+        np.empty((k, n_uavs), np.int32),
+        np.empty((k, n_uavs, 2)),
+        np.empty((k, n_ugvs), np.int32),
+        np.empty((k, n_ugvs, 4)),
+        np.empty((k, *work.docks.shape)),
+        np.empty((k, *work.sums.shape)),
+    )
+    return tools, marks
 
 
-def _neighbours(a: Arrays) -> tuple[Ints, Ints]:
-    """Nearest unvisited tasks of each task, (n_tasks, K), and its sites, nearest first, (n_tasks, P + 1)."""
-    n_tasks, n_sites = len(a.visited), a.road.shape[1]
-    todo = np.flatnonzero(a.visited == 0)
-    between = a.dist[:n_tasks, :n_tasks][:, todo].copy()
+def _around(world: World) -> Around:
+    n_tasks, n_sites = len(world.visited), world.road.shape[1]
+    todo = np.flatnonzero(world.visited == 0)
+    between = world.dist[:n_tasks, :n_tasks][:, todo].copy()
     between[todo, np.arange(len(todo))] = np.inf
-    k = max(0, min(8, len(todo) - 1))
-    near_tasks = todo[np.argsort(between, axis=1, kind="stable")[:, :k]]
-    near_sites = np.argsort(a.dist[:n_tasks, n_tasks : n_tasks + n_sites], axis=1, kind="stable")
-    return np.ascontiguousarray(near_tasks, np.int32), np.ascontiguousarray(near_sites, np.int32)
+    k = max(0, min(NEIGHBOURS, len(todo) - 1))
+    tasks = todo[np.argsort(between, axis=1, kind="stable")[:, :k]]
+    sites = np.argsort(world.dist[:n_tasks, n_tasks : n_tasks + n_sites], axis=1, kind="stable")
+    return Around(
+        np.ascontiguousarray(tasks, np.int32),
+        np.ascontiguousarray(sites, np.int32),
+        np.flatnonzero(world.uav_on).astype(np.int32),
+        np.flatnonzero(world.ugv_on).astype(np.int32),
+    )
 
 
 def _repair(problem: Problem, start: Sequence[Action], options: Options) -> list[Action]:

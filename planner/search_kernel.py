@@ -1,312 +1,113 @@
 """The compiled part of the search: simulated annealing over the joint action list, and best insertion of tasks.
 
-A solution is one array: the plan's ``n`` actions, then a pool of visits that are left out. A ``counts`` array holds
-``n`` and the pool's size. All randomness comes from the 64-bit state in ``rng``, so a run depends on nothing else.
+Moves are in ``moves_kernel`` (small) and ``ruin_kernel`` (large). A changed plan is evaluated from the last mark before
+its first change: the state of all vehicles is kept at every ``EVERY``-th action of the current plan.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numpy.typing import NDArray
 
 from planner import kernel
 from planner.jit import jit
-from planner.kernel import Floats, Ints, run
+from planner.kernel import Codes, Floats, Ints, Work, World, advance, begin, finish, run
+from planner.moves_kernel import Around, Counts, State, change, insert, remove, uniform
+from planner.ruin_kernel import Tools, put_back, take_out
 
-VISIT, RECHARGE, MOVE = kernel.VISIT, kernel.RECHARGE, kernel.MOVE
+VISIT, KIND, VEHICLE, MASK = kernel.VISIT, kernel.KIND, kernel.VEHICLE, kernel.MASK
 O_MAKESPAN, O_UNVISITED, O_SHORT_S = kernel.O_MAKESPAN, kernel.O_UNVISITED, kernel.O_SHORT_S
 O_SUM_S, O_FLY_S, O_DRIVE_S = kernel.O_SUM_S, kernel.O_FLY_S, kernel.O_DRIVE_S
 UNVISITED_S = 1e6  # what a task left out costs: more than any makespan, so the number of visits comes first
-FLY, DRIVE, ACTION, FINISH = 2e-3, 1e-3, 0.02, 2e-4  # small weights per flown s, driven s, action, UAV's last end
-
-State = NDArray[np.uint64]
-Flags = NDArray[np.uint8]
-
-
-@jit
-def uniform(rng: State) -> float:
-    """The next random number in [0, 1): xorshift64* (Vigna 2016)."""
-    x = rng[0]
-    x ^= x >> np.uint64(12)
-    x ^= x << np.uint64(25)
-    x ^= x >> np.uint64(27)
-    rng[0] = x
-    return float((x * np.uint64(2685821657736338717)) >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+FLY, ACTION, FINISH = 2e-3, 0.02, 2e-4  # small weights per flown s, action, s of a UAV's last end
+DRIVE = 1e-3  # and per driven s, where the best plan is chosen
+OVER = 10.0  # of a second of makespan above a cap
+EVERY = 16
 
 
-@jit
-def below(rng: State, n: int) -> int:
-    """A random whole number in [0, n)."""
-    return int(uniform(rng) * n)
+class Marks(NamedTuple):
+    """The state of all vehicles before every ``EVERY``-th action; members as in ``kernel.Work``, one row a mark."""
+
+    node: Ints
+    us: Floats
+    site: Ints
+    gs: Floats
+    docks: Floats
+    sums: Floats
 
 
 @jit
-def insert(acts: Ints, total: int, at: int, code: int) -> None:
-    """Puts ``code`` at index ``at``; what stood there and behind moves up."""
-    for i in range(total, at, -1):
-        acts[i] = acts[i - 1]
-    acts[at] = code
+def keep(
+    k: int, m_node: Ints, m_us: Floats, m_site: Ints, m_gs: Floats, m_docks: Floats, m_sums: Floats,
+    node: Ints, us: Floats, site: Ints, gs: Floats, docks: Floats, sums: Floats,
+) -> None:  # fmt: skip
+    """Keeps the state as mark ``k``."""
+    for u in range(node.shape[0]):
+        m_node[k, u] = node[u]
+        m_us[k, u, 0] = us[u, 0]
+        m_us[k, u, 1] = us[u, 1]
+    for g in range(site.shape[0]):
+        m_site[k, g] = site[g]
+        for i in range(4):
+            m_gs[k, g, i] = gs[g, i]
+        for i in range(docks.shape[1]):
+            m_docks[k, g, i] = docks[g, i]
+    for i in range(sums.shape[0]):
+        m_sums[k, i] = sums[i]
 
 
 @jit
-def remove(acts: Ints, total: int, at: int) -> int:
-    """Takes the code at index ``at`` out; what stood behind moves down."""
-    code = acts[at]
-    for i in range(at, total - 1):
-        acts[i] = acts[i + 1]
-    return int(code)
+def back(
+    k: int, m_node: Ints, m_us: Floats, m_site: Ints, m_gs: Floats, m_docks: Floats, m_sums: Floats,
+    node: Ints, us: Floats, site: Ints, gs: Floats, docks: Floats, sums: Floats,
+) -> None:  # fmt: skip
+    """Goes back to the state of mark ``k``."""
+    for u in range(node.shape[0]):
+        node[u] = m_node[k, u]
+        us[u, 0] = m_us[k, u, 0]
+        us[u, 1] = m_us[k, u, 1]
+    for g in range(site.shape[0]):
+        site[g] = m_site[k, g]
+        for i in range(4):
+            gs[g, i] = m_gs[k, g, i]
+        for i in range(docks.shape[1]):
+            docks[g, i] = m_docks[k, g, i]
+    for i in range(sums.shape[0]):
+        sums[i] = m_sums[k, i]
 
 
 @jit
-def pick(acts: Ints, n: int, rng: State, visit: bool) -> int:
-    """Index of a random visit (or of anything else but a visit), -1 where a few draws found none."""
-    for _ in range(8):
-        i = below(rng, n)
-        if ((acts[i] >> 24) == VISIT) == visit:
-            return i
-    return -1
+def score(out: Floats, n: int, weight: float, unvisited_s: float, cap_s: float, drive: float) -> float:
+    """What the search minimises, in s.
 
-
-@jit
-def find_visit(acts: Ints, n: int, task: int) -> int:
-    """Index of the visit of ``task``, -1 where the plan has none."""
-    for i in range(n):
-        if (acts[i] >> 24) == VISIT and (acts[i] & 4095) == task:
-            return i
-    return -1
-
-
-@jit
-def change(
-    acts: Ints,
-    counts: NDArray[np.int64],  # (2,) actions in the plan, tasks in the pool
-    capacity: int,
-    near_tasks: Ints,  # (n_tasks, K) nearest unvisited tasks of each task
-    near_sites: Ints,  # (n_tasks, L) nearest sites of each task
-    uav_list: Ints,
-    ugv_list: Ints,
-    partial: bool,
-    rng: State,
-) -> bool:
-    """Changes the plan in place by one random move; False where the move drawn does not apply."""
-    n = counts[0]
-    pool = counts[1]
-    total = n + pool
-    n_uavs = len(uav_list)
-    n_ugvs = len(ugv_list)
-    room = capacity - total >= 3
-    if pool > 0 and uniform(rng) < 0.3:
-        k = n + below(rng, pool)
-        task = acts[k] & 4095
-        if n > 0 and uniform(rng) < 0.3:  # in exchange for another one
-            i = pick(acts, n, rng, True)
-            if i < 0:
-                return False
-            acts[k] = acts[i] & 4095
-            acts[i] = (acts[i] & ~4095) | task
-            return True
-        remove(acts, total, k)
-        insert(acts, total - 1, below(rng, n + 1), uav_list[below(rng, n_uavs)] << 12 | task)
-        counts[0] += 1
-        counts[1] -= 1
-        return True
-    if n == 0:
-        return False
-    r = uniform(rng)
-    if r < 0.34:  # a visit elsewhere: beside a neighbour, or anywhere
-        i = pick(acts, n, rng, True)
-        if i < 0:
-            return False
-        task = acts[i] & 4095
-        uav = (acts[i] >> 12) & 4095
-        if partial and uniform(rng) < 0.02:
-            remove(acts, total, i)
-            insert(acts, total - 1, n - 1, task)
-            counts[0] -= 1
-            counts[1] += 1
-            return True
-        after = -1  # sometimes the UAV's next task comes along
-        if uniform(rng) < 0.3:
-            for k in range(i + 1, min(n, i + 12)):
-                if (acts[k] >> 24) == VISIT and ((acts[k] >> 12) & 4095) == uav:
-                    after = acts[k] & 4095
-                    break
-        if uniform(rng) < 0.6 and near_tasks.shape[1] > 0:
-            k = below(rng, near_tasks.shape[1])
-            k = below(rng, k + 1)
-            j = find_visit(acts, n, near_tasks[task, k])
-            if j < 0:
-                return False
-            uav = (acts[j] >> 12) & 4095
-            j += below(rng, 2)
-            remove(acts, total, i)
-            if j > i:
-                j -= 1
-        else:
-            if uniform(rng) < 0.5:
-                uav = uav_list[below(rng, n_uavs)]
-            remove(acts, total, i)
-            j = below(rng, n)
-        insert(acts, total - 1, j, uav << 12 | task)
-        if after >= 0:
-            remove(acts, total, find_visit(acts, n, after))
-            insert(acts, total - 1, find_visit(acts, n - 1, task) + 1, uav << 12 | after)
-    elif r < 0.46:  # two tasks change places
-        i = pick(acts, n, rng, True)
-        if i < 0:
-            return False
-        if uniform(rng) < 0.7 and near_tasks.shape[1] > 0:
-            j = find_visit(acts, n, near_tasks[acts[i] & 4095, below(rng, near_tasks.shape[1])])
-        else:
-            j = pick(acts, n, rng, True)
-        if j < 0 or j == i:
-            return False
-        task = acts[i] & 4095
-        acts[i] = (acts[i] & ~4095) | (acts[j] & 4095)
-        acts[j] = (acts[j] & ~4095) | task
-    elif r < 0.58:  # a recharge or move earlier or later
-        i = pick(acts, n, rng, False)
-        if i < 0:
-            return False
-        j = below(rng, n) if uniform(rng) < 0.3 else min(n - 1, max(0, i + below(rng, 17) - 8))
-        insert(acts, total - 1, j, remove(acts, total, i))
-    elif r < 0.72:  # a new recharge, often with a move of the UGV to it
-        if n_ugvs == 0 or not room:
-            return False
-        i = below(rng, n)
-        uav = (acts[i] >> 12) & 4095
-        if (acts[i] >> 24) == MOVE:
-            uav = uav_list[below(rng, n_uavs)]
-        ugv = ugv_list[below(rng, n_ugvs)]
-        i += below(rng, 2)
-        what = uniform(rng)
-        if what < 0.75:
-            insert(acts, total, i, RECHARGE << 24 | uav << 12 | ugv)
-            total += 1
-            counts[0] += 1
-        if what > 0.35:
-            j = pick(acts, n, rng, True)
-            site = below(rng, near_sites.shape[1])
-            if uniform(rng) < 0.7 and j >= 0:  # near a task of its neighbourhood
-                j = min(max(i + below(rng, 7) - 3, 0), n - 1)
-                if (acts[j] >> 24) == VISIT:
-                    site = below(rng, min(3, near_sites.shape[1]))
-                    site = near_sites[acts[j] & 4095, site]
-            if what < 0.75 and uniform(rng) < 0.5:  # the UGV sets out earlier
-                i = max(0, i - below(rng, 9))
-            insert(acts, total, i, MOVE << 24 | ugv << 12 | site)
-            counts[0] += 1
-    elif r < 0.82:  # without a recharge or move, or two
-        for _ in range(1 + below(rng, 2)):
-            n = counts[0]
-            if n == 0:
-                return True
-            i = pick(acts, n, rng, False)
-            if i < 0:
-                return False
-            code = remove(acts, n + pool, i)
-            counts[0] -= 1
-            if (code >> 24) == MOVE and uniform(rng) < 0.3:  # and all that happens there
-                ugv = (code >> 12) & 4095
-                while i < counts[0]:
-                    if (acts[i] >> 24) == MOVE and ((acts[i] >> 12) & 4095) == ugv:
-                        break
-                    if (acts[i] >> 24) == RECHARGE and (acts[i] & 4095) == ugv:
-                        remove(acts, counts[0] + pool, i)
-                        counts[0] -= 1
-                    else:
-                        i += 1
-    elif r < 0.90:  # other UGV, other site, other UAV
-        i = pick(acts, n, rng, False)
-        if i < 0 or n_ugvs == 0:
-            return False
-        ugv = ugv_list[below(rng, n_ugvs)]
-        if (acts[i] >> 24) == RECHARGE:
-            if uniform(rng) < 0.5:
-                acts[i] = (acts[i] & ~4095) | ugv
-            else:
-                acts[i] = RECHARGE << 24 | uav_list[below(rng, n_uavs)] << 12 | (acts[i] & 4095)
-        elif uniform(rng) < 0.75:
-            acts[i] = (acts[i] & ~4095) | below(rng, near_sites.shape[1])
-        else:
-            acts[i] = MOVE << 24 | ugv << 12 | (acts[i] & 4095)
-    elif r < 0.96 or n_uavs < 2:  # a stretch of one UAV's tasks the other way round
-        i = pick(acts, n, rng, True)
-        if i < 0:
-            return False
-        uav = (acts[i] >> 12) & 4095
-        j = i
-        length = 1 + below(rng, 6)
-        for k in range(i + 1, n):
-            if (acts[k] >> 24) == VISIT and ((acts[k] >> 12) & 4095) == uav:
-                j = k
-                length -= 1
-                if length == 0:
-                    break
-        if j == i:
-            return False
-        while i < j:
-            task = acts[i] & 4095
-            acts[i] = (acts[i] & ~4095) | (acts[j] & 4095)
-            acts[j] = (acts[j] & ~4095) | task
-            i += 1
-            while i < j and ((acts[i] >> 24) != VISIT or ((acts[i] >> 12) & 4095) != uav):
-                i += 1
-            j -= 1
-            while i < j and ((acts[j] >> 24) != VISIT or ((acts[j] >> 12) & 4095) != uav):
-                j -= 1
-    else:  # two UAVs change roles for a while, or to the end
-        one = uav_list[below(rng, n_uavs)]
-        two = uav_list[below(rng, n_uavs)]
-        if one == two:
-            return False
-        i = below(rng, n)
-        j = n if uniform(rng) < 0.6 else min(n, i + 2 + below(rng, 12))
-        for k in range(i, j):
-            if (acts[k] >> 24) != MOVE:
-                uav = (acts[k] >> 12) & 4095
-                if uav == one:
-                    acts[k] = (acts[k] & ~(4095 << 12)) | two << 12
-                elif uav == two:
-                    acts[k] = (acts[k] & ~(4095 << 12)) | one << 12
-    return True
-
-
-@jit
-def score(out: Floats, n: int, weight: float, unvisited_s: float) -> float:
-    """What the search minimises, in s; ``weight`` is that of a shortage, ``unvisited_s`` of a task left out."""
-    small = FLY * out[O_FLY_S] + DRIVE * out[O_DRIVE_S] + FINISH * out[O_SUM_S] + ACTION * n
-    return float(out[O_MAKESPAN] + small + weight * out[O_SHORT_S] + unvisited_s * out[O_UNVISITED])
+    Args:
+        out: results of the evaluator.
+        n: number of actions.
+        weight: of a second of shortage.
+        unvisited_s: of a task left out.
+        cap_s: a makespan that is good enough: below it nothing is gained, above it much is lost. 0 for none.
+        drive: of a second that a UGV drives.
+    """
+    span = out[O_MAKESPAN]
+    if cap_s > 0.0:
+        span = cap_s if span <= cap_s else cap_s + OVER * (span - cap_s)
+    small = FLY * out[O_FLY_S] + drive * out[O_DRIVE_S] + FINISH * out[O_SUM_S] + ACTION * n
+    return float(span + small + weight * out[O_SHORT_S] + unvisited_s * out[O_UNVISITED])
 
 
 @jit
 def anneal(
-    best: Ints,  # the best plan so far, feasible where any is
-    best_counts: NDArray[np.int64],
-    current: Ints,
-    counts: NDArray[np.int64],
-    dist: Floats,
-    near: Floats,
-    road: Floats,
-    uavs: Floats,
-    ugvs: Floats,
-    site0: Ints,
-    docks0: Floats,
-    visited: Flags,
-    uav_on: Flags,
-    ugv_on: Flags,
+    best: Codes,  # the best plan so far, feasible where any is
+    best_counts: Counts,
+    current: Codes,
+    counts: Counts,
+    world: World,
+    work: Work,
+    around: Around,
+    tools: Tools,
+    marks: Marks,
     rows: Floats,  # (0, 9)
-    node: Ints,
-    us: Floats,
-    site: Ints,
-    gs: Floats,
-    docks: Floats,
-    seen: Flags,
-    out: Floats,
-    near_tasks: Ints,
-    near_sites: Ints,
-    uav_list: Ints,
-    ugv_list: Ints,
     partial: bool,
     rng: State,
     iterations: int,
@@ -315,26 +116,42 @@ def anneal(
     weight: float,
     unvisited_s: float,
     short_s: float,
+    ruin: float,
+    cap_s: float,
+    drive: float,
 ) -> float:
     """Runs ``iterations`` steps while the temperature falls from ``hot_s`` to ``cold_s``.
 
     ``best``, ``current`` and their counts are changed in place. A second of shortage costs ``weight`` in the walk and
-    ``short_s`` where the best is chosen, a task left out ``unvisited_s`` and ``UNVISITED_S``. The return value is the
-    share of steps at which the current plan was feasible.
+    ``short_s`` where the best is chosen, a task left out ``unvisited_s`` and ``UNVISITED_S``. ``ruin`` is the share of
+    large moves. ``cap_s`` and ``drive`` are those of ``score``; without a cap the best is chosen with ``DRIVE``. The
+    return value is the share of steps at which the current plan was feasible.
     """
     capacity = len(current)
+    out = work.out
     a = current
     b = np.empty_like(current)
     b_counts = counts.copy()
     a_counts = counts.copy()
-    run(best, best_counts[0], dist, near, road, uavs, ugvs, site0, docks0, visited, uav_on, ugv_on, np.inf, rows,
-        node, us, site, gs, docks, seen, out)  # fmt: skip
-    best_score = score(out, best_counts[0], short_s, UNVISITED_S)
+    run(world, work, best, best_counts[0], np.inf, rows)
+    best_drive = drive if cap_s > 0.0 else DRIVE
+    best_score = score(out, best_counts[0], short_s, UNVISITED_S, cap_s, best_drive)
     best_ok = out[O_SHORT_S] == 0.0
-    run(a, a_counts[0], dist, near, road, uavs, ugvs, site0, docks0, visited, uav_on, ugv_on, np.inf, rows,
-        node, us, site, gs, docks, seen, out)  # fmt: skip
-    a_score = score(out, a_counts[0], weight, unvisited_s)
+    dist, near, road, uavs, ugvs = world.dist, world.near, world.road, world.uavs, world.ugvs
+    uav_on, ugv_on = world.uav_on, world.ugv_on
+    node, us, site, gs, docks, seen, sums = work.node, work.us, work.site, work.gs, work.docks, work.seen, work.sums
+    m_node, m_us, m_site, m_gs, m_docks, m_sums = (
+        marks.node, marks.us, marks.site, marks.gs, marks.docks, marks.sums
+    )  # fmt: skip
+    near_tasks, near_sites, uav_list, ugv_list = around.tasks, around.sites, around.uavs, around.ugvs
+    begin(world, work)
+    keep(0, m_node, m_us, m_site, m_gs, m_docks, m_sums, node, us, site, gs, docks, sums)
+    marked = 0  # marks up to this one are those of the current plan
+    run(world, work, a, a_counts[0], np.inf, rows)
+    a_score = score(out, a_counts[0], weight, unvisited_s, cap_s, drive)
     a_ok = out[O_SHORT_S] == 0.0
+    a_span = out[O_MAKESPAN]
+    a_ends = work.us[:, 0].copy()
     fine = 0
     ratio = (cold_s / hot_s) ** (1.0 / max(1, iterations))
     heat = hot_s
@@ -346,13 +163,34 @@ def anneal(
             b[i] = a[i]
         b_counts[0] = a_counts[0]
         b_counts[1] = a_counts[1]
-        if not change(b, b_counts, capacity, near_tasks, near_sites, uav_list, ugv_list, partial, rng):
+        if uniform(rng) < ruin:
+            for u in around.uavs:
+                tools.ends[u] = a_ends[u]
+            taken = take_out(b, b_counts, around, tools, rng)
+            if taken == 0:
+                continue
+            put_back(b, b_counts, taken, a_span, world, around, tools, rng)
+        elif not change(b, b_counts, capacity, near_tasks, near_sites, uav_list, ugv_list, partial, rng):
             continue
+        n = b_counts[0]
+        first = 0
+        same = min(n, a_counts[0])
+        while first < same and b[first] == a[first]:
+            first += 1
         limit = a_score - heat * np.log(1.0 - uniform(rng))
-        if not run(b, b_counts[0], dist, near, road, uavs, ugvs, site0, docks0, visited, uav_on, ugv_on, limit, rows,
-                   node, us, site, gs, docks, seen, out):  # fmt: skip
+        k = min(first // EVERY, marked)
+        back(k, m_node, m_us, m_site, m_gs, m_docks, m_sums, node, us, site, gs, docks, sums)
+        while marked < first // EVERY:  # what both plans have in common
+            advance(dist, road, uavs, ugvs, uav_on, ugv_on, node, us, site, gs, docks, seen, sums,
+                    b, EVERY * k, EVERY * (k + 1), np.inf, rows)  # fmt: skip
+            k += 1
+            marked = k
+            keep(k, m_node, m_us, m_site, m_gs, m_docks, m_sums, node, us, site, gs, docks, sums)
+        if not advance(dist, road, uavs, ugvs, uav_on, ugv_on, node, us, site, gs, docks, seen, sums,
+                       b, EVERY * k, n, limit, rows):  # fmt: skip
             continue
-        b_score = score(out, b_counts[0], weight, unvisited_s)
+        finish(dist, near, uavs, ugvs, uav_on, ugv_on, node, us, gs, sums, out)
+        b_score = score(out, n, weight, unvisited_s, cap_s, drive)
         if b_score > limit:
             continue
         a, b = b, a
@@ -360,8 +198,11 @@ def anneal(
         a_counts[0] = b_counts[0]
         a_counts[1] = b_counts[1]
         a_ok = out[O_SHORT_S] == 0.0
+        a_span = out[O_MAKESPAN]
+        for u in uav_list:
+            a_ends[u] = us[u, 0]
         if a_ok or not best_ok:
-            value = score(out, a_counts[0], short_s, UNVISITED_S)
+            value = score(out, n, short_s, UNVISITED_S, cap_s, best_drive)
             if value < best_score or (a_ok and not best_ok):
                 best_score = value
                 best_ok = a_ok
@@ -369,6 +210,7 @@ def anneal(
                 best_counts[1] = a_counts[1]
                 for i in range(a_counts[0] + a_counts[1]):
                     best[i] = a[i]
+        marked = min(marked, first // EVERY)
     for i in range(a_counts[0] + a_counts[1]):
         b[i] = a[i]
     for i in range(a_counts[0] + a_counts[1]):
@@ -380,55 +222,32 @@ def anneal(
 
 @jit
 def settle(
-    acts: Ints,
-    counts: NDArray[np.int64],
-    dist: Floats,
-    near: Floats,
-    road: Floats,
-    uavs: Floats,
-    ugvs: Floats,
-    site0: Ints,
-    docks0: Floats,
-    visited: Flags,
-    uav_on: Flags,
-    ugv_on: Flags,
-    rows: Floats,
-    node: Ints,
-    us: Floats,
-    site: Ints,
-    gs: Floats,
-    docks: Floats,
-    seen: Flags,
-    out: Floats,
-    uav_list: Ints,
-    fill: bool,
-    short_s: float,
+    acts: Codes, counts: Counts, world: World, work: Work, rows: Floats, uav_list: Ints, fill: bool, short_s: float
 ) -> None:
     """Puts pool tasks where they cost least (with ``fill`` all, else those that make the plan better).
 
     Recharges and moves that are of no use are taken out as well.
     """
+    out = work.out
     trial = np.empty_like(acts)
     k = 0
     while k < counts[1]:
         n = counts[0]
         total = n + counts[1]
-        task = acts[n + k] & 4095
-        run(acts, n, dist, near, road, uavs, ugvs, site0, docks0, visited, uav_on, ugv_on, np.inf, rows,
-            node, us, site, gs, docks, seen, out)  # fmt: skip
-        least = np.inf if fill else score(out, n, short_s, UNVISITED_S)
+        task = acts[n + k] & MASK
+        run(world, work, acts, n, np.inf, rows)
+        least = np.inf if fill else score(out, n, short_s, UNVISITED_S, 0.0, DRIVE)
         best_at = -1
         best_uav = 0
         for uav in uav_list:
             for at in range(n + 1):
                 for i in range(at):
                     trial[i] = acts[i]
-                trial[at] = uav << 12 | task
+                trial[at] = uav << VEHICLE | task
                 for i in range(at, n):
                     trial[i + 1] = acts[i]
-                run(trial, n + 1, dist, near, road, uavs, ugvs, site0, docks0, visited, uav_on, ugv_on, np.inf, rows,
-                    node, us, site, gs, docks, seen, out)  # fmt: skip
-                value = score(out, n + 1, short_s, UNVISITED_S)
+                run(world, work, trial, n + 1, np.inf, rows)
+                value = score(out, n + 1, short_s, UNVISITED_S, 0.0, DRIVE)
                 if value < least:
                     least = value
                     best_at = at
@@ -437,20 +256,18 @@ def settle(
             k += 1
             continue
         remove(acts, total, n + k)
-        insert(acts, total - 1, best_at, best_uav << 12 | task)
+        insert(acts, total - 1, best_at, best_uav << VEHICLE | task)
         counts[0] += 1
         counts[1] -= 1
     i = counts[0] - 1
-    run(acts, counts[0], dist, near, road, uavs, ugvs, site0, docks0, visited, uav_on, ugv_on, np.inf, rows,
-        node, us, site, gs, docks, seen, out)  # fmt: skip
-    least = score(out, counts[0], short_s, UNVISITED_S)
+    run(world, work, acts, counts[0], np.inf, rows)
+    least = score(out, counts[0], short_s, UNVISITED_S, 0.0, DRIVE)
     while i >= 0:
-        if (acts[i] >> 24) != VISIT:
+        if (acts[i] >> KIND) != VISIT:
             total = counts[0] + counts[1]
             code = remove(acts, total, i)
-            run(acts, counts[0] - 1, dist, near, road, uavs, ugvs, site0, docks0, visited, uav_on, ugv_on, np.inf,
-                rows, node, us, site, gs, docks, seen, out)  # fmt: skip
-            value = score(out, counts[0] - 1, short_s, UNVISITED_S)
+            run(world, work, acts, counts[0] - 1, np.inf, rows)
+            value = score(out, counts[0] - 1, short_s, UNVISITED_S, 0.0, DRIVE)
             if value <= least:
                 least = value
                 counts[0] -= 1

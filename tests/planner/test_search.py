@@ -251,6 +251,9 @@ def test_nothing_to_do() -> None:
         ({"allow_partial": 1}, "option allow_partial is 1; give true or false"),
         ({"hot": 0}, "option hot is 0; give a number above 0"),
         ({"cold": "x"}, "option cold is 'x'; give a number above 0"),
+        ({"ruin": 1.0}, "option ruin is 1.0; give a number above 0 and below 1"),
+        ({"workers": 0}, "option workers is 0; give a whole number from 1 to 64"),
+        ({"workers": True}, "option workers is True; give a whole number from 1 to 64"),
     ],
 )
 def test_wrong_options(options: dict, words: str) -> None:
