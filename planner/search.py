@@ -131,6 +131,11 @@ class _Search:
         kernel.run(self.world, self.work, draft.acts, n, np.inf, self.rows)
         return search_kernel.score(self.work.out, n, self.short_s, search_kernel.UNVISITED_S, 0.0, search_kernel.DRIVE)
 
+    def sound(self, draft: _Draft) -> bool:
+        """Whether every task is visited and nothing falls short."""
+        self.score(draft)
+        return bool(self.work.out[kernel.O_SHORT_S] == 0.0 and self.work.out[kernel.O_UNVISITED] == 0)
+
 
 @dataclass(frozen=True, slots=True)
 class _Draft:
@@ -219,11 +224,12 @@ def search(problem: Problem, stop: Stop, seed: int, params: Params) -> Result:
     s = _Search(problem, options)
     if len(s.around.uavs) == 0 or bool(problem.visited.all()):
         return _result(problem, (), options, 0)
-    starts: list[Sequence[Action]] = []
+    drafts: list[_Draft] = []
+    fill = not options.allow_partial
     if params.start is not None:
-        starts.append(_repair(problem, params.start, options))
-    starts += construct(problem, options.exclude_uavs, options.exclude_ugvs)
-    drafts = [s.pack(actions, fill=not options.allow_partial) for actions in starts]
+        drafts.append(s.pack(_repair(problem, params.start, options), fill))
+    if not drafts or not s.sound(drafts[0]):  # a first plan takes tens of ms for 45 tasks: too long for a replan
+        drafts += [s.pack(actions, fill) for actions in construct(problem, options.exclude_uavs, options.exclude_ugvs)]
     first = min(drafts, key=s.score)
     warm = params.start is not None and first is drafts[0]
     n = options.workers
