@@ -105,7 +105,7 @@ def reach_m(world: World, u: int) -> float:
 
 
 @jit
-def view(world: World, work: Work, turn: Turn, u: int, xy: Floats, reach: Floats, out: View) -> None:
+def fill_view(world: World, work: Work, turn: Turn, u: int, xy: Floats, reach: Floats, out: View) -> None:
     """Fills ``out`` in; ``tokens_kernel.offer`` was called before.
 
     Args:

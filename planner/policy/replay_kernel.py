@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from planner.kernel import KIND, MASK, MEET, SITE, VEHICLE, VISIT, Codes, Floats, Ints, Work, World
-from planner.policy.features_kernel import Indices, Singles, View, view
+from planner.policy.features_kernel import Indices, Singles, View, fill_view
 from planner.policy.jit import jit
 from planner.policy.tokens_kernel import Turn, acting, apply, code_of, offer, option_of, same_uav, start, twins
 
@@ -99,7 +99,7 @@ def replay(
         if write:
             k = row + n
             one = View(task[k], site[k], uav[k], ugv[k], pair[k], drive[k], tasks[k], counts[k])
-            view(world, work, turn, u, xy, reach, one)
+            fill_view(world, work, turn, u, xy, reach, one)
         if i < 0:
             turn.done[u] = 1
             order[n] = -1

@@ -40,6 +40,13 @@ class State(NamedTuple):
     way: Codes
 
 
+def clone(work: Work) -> Work:
+    """A copy of the state of all vehicles."""
+    w = work
+    return Work(w.node.copy(), w.us.copy(), w.site.copy(), w.gs.copy(), w.docks.copy(), w.seen.copy(), w.sums.copy(),
+                w.out.copy())  # fmt: skip
+
+
 def new_view(n_tasks: int, n_sites: int, n_uavs: int, n_ugvs: int) -> View:
     """Room for one decision."""
     f = np.float32

@@ -1,0 +1,125 @@
+"""Plans by the paper's network (or its MLP baseline): greedy, equation (11), over what is offered. No torch.
+
+As with network ``plus``, an action is taken only where a way to serve all that is left is known behind it
+(``complete_kernel``), so a plan is feasible wherever such a way was known from the start.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from planner import kernel
+from planner.errors import PlannerError
+from planner.kernel import Work
+from planner.plan import Move, Recharge, Visit
+from planner.policy import tokens_kernel as tk
+from planner.policy.complete_kernel import complete, copy_work
+from planner.policy.config import PaperConfig
+from planner.policy.decode import DRIVE, FLY, Decoded
+from planner.policy.graph import graph, index_of
+from planner.policy.paper_kernel import offer_all, say
+from planner.policy.paper_numpy import PaperModel
+from planner.policy.state import clone, new_state
+from planner.policy.weights import Tensors, read
+from planner.problem import Problem
+
+
+class PaperPolicy:
+    """The paper's network with its weights, for problems of one data set's sizes."""
+
+    def __init__(self, config: PaperConfig, tensors: Tensors) -> None:
+        """Takes the weights as ``state_dict`` names them.
+
+        Raises:
+            PlannerError: where one is missing.
+        """
+        self.config = config
+        self.model = PaperModel(config, tensors)
+
+    @classmethod
+    def load(cls, path: Path, sha256: str | None = None) -> PaperPolicy:
+        """Reads a weights file.
+
+        Raises:
+            PlannerError: where it is missing, damaged, or no network of this kind.
+        """
+        config, tensors, _ = read(path, sha256)
+        if not isinstance(config, PaperConfig):
+            raise PlannerError(f"{path}: this is no network paper")
+        return cls(config, tensors)
+
+    def _number(self, code: int, work: Work) -> int:
+        """The number of a way's next action in the list of actions."""
+        vehicle, target = code >> kernel.VEHICLE & kernel.MASK, code & kernel.MASK
+        if code >> kernel.KIND == kernel.VISIT:
+            return index_of(Visit(vehicle, target), self.config)
+        site = code >> kernel.SITE & kernel.MASK
+        if work.site[target] == site:
+            return index_of(Recharge(vehicle, target), self.config)
+        return index_of(Move(target, None if site == self.config.n_points else site), self.config)
+
+    def greedy(self, problem: Problem) -> Decoded:
+        """The most probable action at each step.
+
+        Raises:
+            PlannerError: where the problem's sizes are not the network's.
+        """
+        saying = self.model.begin(self.model.encode(graph(problem, self.config)))
+        s = new_state(problem)
+        world, work, turn = s.world, s.work, s.turn
+        tk.start(world, work, turn)
+        before = clone(work)
+        moved, offered = np.zeros(len(world.ugvs), np.uint8), np.zeros(len(self.model.w["out.weight"]), np.uint8)
+        hint, spare = np.zeros(2, np.int64), np.zeros_like(s.way)
+        found = complete(world, work, s.space, turn, hint, s.way)
+        sure = known = found >= 0
+        way = s.way[: max(found, 0)].tolist()
+        codes: list[int] = []
+        last: int | None = None
+        refused = forced = decisions = 0
+        log_p, doubt = 0.0, 1.0
+        while work.sums[kernel.S_LEFT] > 0 and len(codes) < self.config.most:
+            logits = saying.next(last)
+            decisions += 1
+            offer_all(world, work, turn, moved, offered)
+            logits = np.where(offered != 0, logits, np.float32(-1e9))
+            total = float(logits.max()) + math.log(float(np.exp(logits - logits.max()).sum()))
+            copy_work(work, before)
+            kept = turn.row.copy(), moved.copy()
+            while (value := float(logits[last := int(logits.argmax())])) > -1e8:
+                code = say(world, work, turn, moved, last)
+                found = complete(world, work, s.space, turn, hint, spare)
+                if found >= 0 or not known:
+                    known = found >= 0
+                    way = spare[: max(found, 0)].tolist()
+                    codes.append(code)
+                    log_p += value - total
+                    doubt = min(doubt, math.exp(value - total))
+                    break
+                refused += 1
+                copy_work(before, work)
+                turn.row[:], moved[:] = kept
+                logits[last] = -1e9
+            else:
+                if not known:
+                    break
+                forced += 1
+                # The way's next action, as the paper's list has it: a move first, where the UGV is elsewhere.
+                last = self._number(way[0], work)
+                code = say(world, work, turn, moved, last)
+                codes.append(code)
+                if code >> kernel.KIND != kernel.MOVE:
+                    way.pop(0)
+        w = world
+        kernel.finish(
+            w.dist, w.near, w.uavs, w.ugvs, w.uav_on, w.ugv_on, work.node, work.us, work.gs, work.sums, work.out
+        )
+        fine = work.out[kernel.O_CODE] == kernel.OK
+        cost = work.out[kernel.O_MAKESPAN] + FLY * work.out[kernel.O_FLY_S] + DRIVE * work.out[kernel.O_DRIVE_S]
+        return Decoded(
+            np.array(codes, dtype=np.int64), float(work.out[kernel.O_MAKESPAN]), float(cost) if fine else math.inf,
+            bool(fine), sure, decisions, refused, forced, log_p, doubt,
+        )  # fmt: skip

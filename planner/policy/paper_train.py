@@ -1,0 +1,226 @@
+"""Trains the paper's network or its MLP baseline: ``python -m planner.policy.paper_train``.
+
+As the paper has it: teacher forcing on the expert's sequences, cross-entropy over the list of actions (equation 12),
+Adam. Beyond it: the rate rises and falls (``train.schedule``), and sequences are taken from all eight orientations of a
+problem (unless switched off), vehicles that are alike renamed by the labels' rule in each.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from rich.progress import Progress
+from torch.nn import functional as fn
+
+from planner.errors import PlannerError
+from planner.instances import data_set
+from planner.labels import in_order
+from planner.labels import read as read_labels
+from planner.plan import Action
+from planner.policy.batches import SYMMETRIES
+from planner.policy.config import PaperConfig
+from planner.policy.graph import Graph, graph, index_of, spoken
+from planner.policy.paper_net import Graphs, PaperNet
+from planner.policy.train import COLUMNS, Training, schedule
+from planner.policy.weights import write
+from planner.problem import Point, Problem
+
+FORMAT = "copcs-paper-checkpoint/1"
+
+
+@dataclass(frozen=True, slots=True)
+class Sequences:
+    """Problems and the experts' sequences.
+
+    Attributes:
+        graphs: of each, with a first axis.
+        said: numbers of actions, padded with -1, (n, longest).
+    """
+
+    graphs: Graph
+    said: NDArray[np.int64]
+
+
+def turned(problem: Problem, turn: NDArray[np.float64]) -> Problem:
+    """The problem with all positions turned or mirrored about the origin; ``turn`` is (2, 2)."""
+
+    def point(p: Point) -> Point:
+        x, y = np.array(p) @ turn
+        return float(x), float(y)
+
+    return replace(
+        problem,
+        depot=point(problem.depot),
+        tasks=problem.tasks @ turn,
+        path_points=problem.path_points @ turn,
+        uavs=tuple(replace(u, position=point(u.position)) for u in problem.uavs),
+        ugvs=tuple(g if g.position is None else replace(g, position=point(g.position)) for g in problem.ugvs),
+    )
+
+
+def sequences(
+    pairs: Sequence[tuple[Problem, tuple[Action, ...]]], config: PaperConfig, *, augment: bool = True
+) -> Sequences:
+    """Graphs and sequences of all pairs; with ``augment``, in all eight orientations.
+
+    Raises:
+        PlannerError: where there are none, sizes differ from the network's, or a sequence is too long for it.
+    """
+    graphs: list[Graph] = []
+    said: list[list[int]] = []
+    for problem, actions in pairs:
+        for k in range(8 if augment else 1):
+            one = problem if k == 0 else turned(problem, SYMMETRIES[k])
+            said.append([index_of(a, config) for a in spoken(in_order(one, actions))])
+            graphs.append(graph(one, config))
+    longest = max((len(x) for x in said), default=0)
+    if not 0 < longest < config.most:
+        raise PlannerError(f"the longest sequence has {longest} actions; the network takes 1 to {config.most - 1}")
+    rows = np.full((len(said), longest), -1, np.int64)
+    for row, one_said in zip(rows, said, strict=True):
+        row[: len(one_said)] = one_said
+    return Sequences(Graph(*(np.stack(x) for x in zip(*graphs, strict=True))), rows)
+
+
+def loss_of(net: PaperNet, data: Sequences, rows: NDArray[np.int64], device: torch.device) -> tuple[torch.Tensor, int]:
+    """Mean cross-entropy per action, equation (12), and how many actions the largest logit gets right."""
+    graphs = Graphs(*(torch.from_numpy(x[rows]).to(device) for x in data.graphs))
+    said = torch.from_numpy(data.said[rows]).to(device)
+    logits = net(graphs, said[:, :-1].clamp(min=0))
+    right = int((logits.detach().argmax(-1) == said).sum())
+    return fn.cross_entropy(logits.flatten(0, 1), said.flatten(), ignore_index=-1), right
+
+
+def train(
+    folder: Path, config: PaperConfig, how: Training, data: Sequences, valid: Sequences, *, quiet: bool = False
+) -> PaperNet:
+    """Trains, resuming from ``folder``'s checkpoint; writes checkpoint, curve and weights after every epoch.
+
+    Raises:
+        PlannerError: where the checkpoint is of another network.
+    """
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    torch.manual_seed(how.seed)
+    net = PaperNet(config).to(device)
+    adam = torch.optim.Adam(net.parameters(), lr=how.rate)
+    epoch, step, seconds = 0, 0, 0.0
+    best = math.inf
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "checkpoint.pt"
+    if path.exists():
+        saved = torch.load(path, map_location=device, weights_only=True)
+        if saved.get("format") != FORMAT or saved["config"] != config.to_json():
+            raise PlannerError(f"{path}: the checkpoint is of another network; give another folder, or remove it")
+        net.load_state_dict(saved["net"])
+        adam.load_state_dict(saved["adam"])
+        epoch, step, seconds, best = saved["epoch"], saved["step"], saved["seconds"], saved["best"]
+    n = len(data.said)
+    per_epoch = -(-n // how.batch)
+    with Progress(disable=quiet) as bar:
+        task = bar.add_task("training", total=how.epochs * per_epoch, completed=step)
+        while epoch < how.epochs and seconds < how.time_s:
+            begun = time.perf_counter()
+            net.train()
+            order = np.random.default_rng([how.seed, epoch]).permutation(n)
+            total, hits, count = 0.0, 0, 0
+            for first in range(0, n, how.batch):
+                rows = order[first : first + how.batch]
+                rate = schedule(step, how.epochs * per_epoch, how)
+                for group in adam.param_groups:
+                    group["lr"] = rate
+                loss, right = loss_of(net, data, rows, device)
+                adam.zero_grad(set_to_none=True)
+                loss.backward()  # type: ignore[no-untyped-call]
+                torch.nn.utils.clip_grad_norm_(net.parameters(), how.clip)
+                adam.step()
+                size = int((data.said[rows] >= 0).sum())
+                total, hits, count, step = total + float(loss.detach()) * size, hits + right, count + size, step + 1
+                bar.update(task, completed=step, description=f"loss {total / count:.3f}")
+            epoch += 1
+            seconds += time.perf_counter() - begun
+            loss_v, right_v = measure(net, valid, how.batch, device)
+            values = (epoch, step, round(seconds, 1), rate, total / count, hits / count, loss_v, right_v)
+            row = dict(zip(COLUMNS, values, strict=True))
+            about = {"training": {k: v for k, v in asdict(how).items() if k != "time_s"}, **row}
+            tensors: dict[str, Any] = {k: v.detach().cpu().numpy() for k, v in net.state_dict().items()}
+            write(folder / "last.safetensors", config, tensors, about)
+            if loss_v <= best:
+                best = loss_v
+                write(folder / "best.safetensors", config, tensors, about)
+            part = folder / "checkpoint.part"
+            torch.save(
+                {"format": FORMAT, "config": config.to_json(), "net": net.state_dict(), "adam": adam.state_dict(),
+                 "epoch": epoch, "step": step, "seconds": seconds, "best": best},
+                part,
+            )  # fmt: skip
+            part.replace(path)
+            curve = folder / "curve.csv"
+            new = not curve.exists()
+            with curve.open("a", newline="") as file:
+                writer = csv.DictWriter(file, COLUMNS)
+                if new:
+                    writer.writeheader()
+                writer.writerow(row)
+    return net
+
+
+def measure(net: PaperNet, data: Sequences, batch: int, device: torch.device) -> tuple[float, float]:
+    """Mean loss per action, and the share of actions where the expert's choice has the largest logit."""
+    net.eval()
+    total, hits, count = 0.0, 0, 0
+    with torch.inference_mode():
+        for first in range(0, len(data.said), batch):
+            rows = np.arange(first, min(first + batch, len(data.said)))
+            loss, right = loss_of(net, data, rows, device)
+            size = int((data.said[rows] >= 0).sum())
+            total, hits, count = total + float(loss) * size, hits + right, count + size
+    return total / max(1, count), hits / max(1, count)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """The command line."""
+    how = Training(epochs=200, batch=64, rate=5e-4)
+    parser = argparse.ArgumentParser(prog="python -m planner.policy.paper_train", description="Trains network paper.")
+    parser.add_argument("--labels", type=Path, default=Path("benchmarks/labels"))
+    parser.add_argument("--set", required=True, help="the data set")
+    parser.add_argument("--out", type=Path, default=Path("runs/paper"), help="checkpoint, curve, weights")
+    parser.add_argument("--count", type=int, default=760, help="instances to train on")
+    parser.add_argument("--valid", type=int, default=40, help="instances after these, to watch the loss on")
+    parser.add_argument("--graph", choices=("hgt", "mlp"), default="hgt")
+    parser.add_argument("--epochs", type=int, default=how.epochs)
+    parser.add_argument("--batch", type=int, default=how.batch)
+    parser.add_argument("--rate", type=float, default=how.rate)
+    parser.add_argument("--seed", type=int, default=how.seed)
+    parser.add_argument("--time", type=float, default=math.inf, help="in s")
+    parser.add_argument("--dim", type=int, default=128)
+    parser.add_argument("--radius", type=float, default=0.5)
+    for name in ("no-augment", "no-uav-edges", "no-ugv-edges"):
+        parser.add_argument(f"--{name}", action="store_true")
+    given = parser.parse_args(arguments)
+    one = data_set(given.set)
+    first = one.instance(0)
+    config = PaperConfig(
+        first.n_tasks, len(first.path_points), *one.team, graph=given.graph, dim=given.dim, radius=given.radius,
+        uav_edges=not given.no_uav_edges, ugv_edges=not given.no_ugv_edges,
+    )  # fmt: skip
+    how = replace(how, epochs=given.epochs, batch=given.batch, rate=given.rate, seed=given.seed, time_s=given.time)
+    pairs = [(one.instance(x.index), x.actions) for x in read_labels(given.labels, given.set)]
+    data = sequences(pairs[: given.count], config, augment=not given.no_augment)
+    valid = sequences(pairs[given.count : given.count + given.valid], config, augment=False)
+    net = train(given.out, config, how, data, valid)
+    loss, right = measure(net, valid, how.batch, next(net.parameters()).device)
+    print(f"{len(data.said)} sequences: loss {loss:.4f}, right {right:.1%}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,222 @@
+"""Network ``plus``: the same numbers with and without torch, what it may be fed, and what it decodes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planner import kernel
+from planner.errors import PlannerError
+from planner.instances import data_set
+from planner.midway import midway
+from planner.policy import tokens_kernel as tk
+from planner.policy.batches import SYMMETRIES, batches, pool
+from planner.policy.config import PlusConfig
+from planner.policy.decode import Policy
+from planner.policy.examples import Example, example, load, save
+from planner.policy.features_kernel import fill_view
+from planner.policy.plus_kernel import logits
+from planner.policy.state import new_state
+from planner.policy.weights import plus_weights, read, room, write
+from planner.presets import preset
+from planner.schedule import evaluate
+from planner.solve import Stop, solve
+
+torch = pytest.importorskip("torch")
+
+from planner.policy.plus_net import Batch, PlusNet  # noqa: E402
+from planner.policy.train import Trainer, Training, to_tensors  # noqa: E402
+
+SMALL = PlusConfig(dim=32, heads=4, layers=2, hidden=48)
+
+
+def network(config: PlusConfig = SMALL, seed: int = 0) -> tuple[PlusNet, dict[str, np.ndarray]]:
+    torch.manual_seed(seed)
+    net = PlusNet(config).eval()
+    return net, {k: v.detach().numpy() for k, v in net.state_dict().items()}
+
+
+@pytest.fixture(scope="module")
+def policy() -> Policy:
+    config, tensors = SMALL, network()[1]
+    return Policy(config, tensors)
+
+
+@pytest.fixture(scope="module")
+def examples() -> list[Example]:
+    made = []
+    for name in ("T15-P5_2-1", "T15-P5_4-2", "T45-P10_2-2_drawn"):
+        for index in range(2):
+            problem = data_set(name).instance(index)
+            plan = solve(problem, Stop(iterations=5_000), index).plan
+            made.append(example(problem, plan.actions))
+            made.append(example(*midway(problem, index)))
+    return made
+
+
+@pytest.mark.parametrize("config", [SMALL, replace(SMALL, uav_edges=False), replace(SMALL, ugv_edges=False)])
+def test_the_same_logits_with_and_without_torch(config: PlusConfig) -> None:
+    net, tensors = network(config)
+    weights = plus_weights(config, tensors)
+    rng = np.random.default_rng(0)
+    for setup, team in (("T15-P5", (1, 1)), ("T15-P5", (3, 2)), ("T45-P10", (6, 3))):
+        problem = midway(preset(setup, team, 1), 3)[0]
+        s = new_state(problem)
+        n_tasks, n_sites = len(s.world.visited), s.world.road.shape[1]
+        n_ugvs = len(s.world.ugvs)
+        desk = room(config, n_tasks + n_sites + len(s.world.uavs) + n_ugvs)
+        visit, meet, done = np.zeros(n_tasks, "f"), np.zeros((n_ugvs, n_sites), "f"), np.zeros(1, "f")
+        tk.start(s.world, s.work, s.turn)
+        while s.work.sums[kernel.S_LEFT] > 0:
+            u = tk.acting(s.work, s.turn)
+            tk.offer(s.world, s.work, s.turn, u)
+            fill_view(s.world, s.work, s.turn, u, s.xy, s.reach, s.view)
+            logits(weights, desk, s.view, visit, meet, done)
+            left, active = int(s.view.counts[0]), int(s.view.counts[2])
+            v = s.view
+            parts = (v.task[:left], v.site, v.uav[:active], v.ugv, v.pair, v.drive, v.counts)
+            with torch.inference_mode():
+                expected = net(Batch(*(torch.from_numpy(x[None].copy()) for x in parts))).numpy()[0]
+            mine = np.r_[visit[:left], meet.ravel(), done]
+            offered = expected > -1e8
+            assert (offered == (mine > -1e8)).all()
+            if not offered.any():
+                break
+            assert np.abs(mine - expected)[offered].max() < 1e-4
+            option = int(rng.choice(np.flatnonzero(offered)))
+            if option == len(mine) - 1:
+                s.turn.done[u] = 1
+                continue
+            real = int(v.tasks[option]) if option < left else n_tasks + option - left
+            tk.apply(s.world, s.work, s.turn, tk.code_of(u, real, n_tasks, n_sites))
+
+
+def test_padding_changes_nothing(examples: list[Example]) -> None:
+    net, _ = network()
+    every = pool(examples, [0] * len(examples))
+    together, option = to_tensors(every, torch.device("cpu"))
+    with torch.inference_mode():
+        whole = net(together).log_softmax(-1).gather(1, option[:, None])[:, 0]
+        for row in range(0, len(option), 7):
+            one, choice = to_tensors(every.take(np.array([row], np.int32)), torch.device("cpu"))
+            alone = net(one).log_softmax(-1)[0, choice[0]]
+            assert abs(float(alone - whole[row])) < 1e-4
+    assert float(whole.min()) > -1e6  # nothing the expert does is masked out
+
+
+def test_order_of_vehicles_and_place_of_the_map_do_not_matter(policy: Policy) -> None:
+    problem = preset("T15-P5", (3, 2), 5)
+    moved = replace(
+        problem,
+        depot=(problem.depot[0] + 4e4, problem.depot[1]),
+        tasks=problem.tasks + np.array([4e4, 0.0]),
+        path_points=problem.path_points + np.array([4e4, 0.0]),
+        uavs=tuple(replace(u, position=(u.position[0] + 4e4, u.position[1])) for u in problem.uavs),
+    )
+    assert policy.greedy(problem).makespan_s == pytest.approx(policy.greedy(moved).makespan_s, rel=1e-6)
+
+
+@pytest.mark.parametrize("team", [(1, 1), (2, 1), (4, 2), (6, 3)])
+def test_whatever_the_weights_plans_are_feasible(policy: Policy, team: tuple[int, int]) -> None:
+    for seed in range(2):
+        problem = preset("T15-P5", team, seed)
+        for one in (problem, midway(problem, seed)[0]):
+            found = policy.greedy(one)
+            schedule = evaluate(one, found.actions(one))
+            assert found.certain
+            assert schedule.violation is None
+            assert schedule.makespan_s == pytest.approx(found.makespan_s)
+
+
+def test_sampling_and_beam_find_better_plans(policy: Policy) -> None:
+    problem = preset("T15-P5", (2, 1), 3)
+    one = policy.greedy(problem)
+    several = policy.sample(problem, 24, seed=1)
+    assert several.cost <= policy.greedy(problem, symmetries=8).cost <= one.cost
+    again = policy.sample(problem, 24, seed=1, threads=2)
+    assert (several.codes == again.codes).all()
+    searched = policy.beam(problem, 2, 3)
+    assert searched.cost <= one.cost
+    for found in (several, searched):
+        assert evaluate(problem, found.actions(problem)).violation is None
+
+
+def test_what_cannot_be_finished_is_said_to_be_so(policy: Policy) -> None:
+    problem = preset("T15-P5", (1, 1), 0)
+    weak = replace(problem, ugvs=tuple(replace(g, energy_j=1e5) for g in problem.ugvs))
+    found = policy.greedy(weak)
+    assert not found.certain
+    assert not found.complete
+    schedule = evaluate(weak, found.actions(weak))
+    assert schedule.violation is not None
+    assert "not visited" in schedule.violation  # nobody is lost
+
+
+def test_lost_vehicles_take_no_part(policy: Policy) -> None:
+    problem = preset("T15-P5", (3, 2), 1)
+    found = policy.greedy(problem, exclude_uavs=(0,), exclude_ugvs=(1,))
+    schedule = evaluate(problem, found.actions(problem), exclude_uavs=(0,), exclude_ugvs=(1,))
+    assert schedule.violation is None
+
+
+def test_weights_files(tmp_path: Path) -> None:
+    _, tensors = network()
+    path = tmp_path / "w.safetensors"
+    digest = write(path, SMALL, tensors, {"seed": 1})
+    config, back, about = read(path, digest)
+    assert config == SMALL
+    assert about == {"seed": 1}
+    assert all((back[k] == v).all() for k, v in tensors.items() if k != "edges")
+    with pytest.raises(PlannerError, match="hash differs"):
+        read(path, "0" * 64)
+    path.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(PlannerError, match="cannot be read"):
+        read(path)
+    with pytest.raises(PlannerError, match=r"query\.weight is missing"):
+        plus_weights(SMALL, {k: v for k, v in tensors.items() if k != "query.weight"})
+
+
+def test_examples_survive_their_file(tmp_path: Path, examples: list[Example]) -> None:
+    path = tmp_path / "some.npz"
+    assert save(path, examples, {"what": "test"}) == len(examples)
+    for a, b in zip(examples, load(path), strict=True):
+        assert a.steps == b.steps
+        assert all(np.array_equal(x, y) for x, y in zip(a.world, b.world, strict=True))
+        assert np.array_equal(a.codes, b.codes)
+    first, second = (pool(x, [3] * len(examples)) for x in (examples, load(path)))
+    assert all(np.array_equal(x, y) for x, y in zip(first, second, strict=True))
+
+
+def test_symmetries_turn_positions_and_nothing_else(examples: list[Example]) -> None:
+    alone = [e for e in examples if len(e.world.uavs) == 2][:1]
+    plain = pool(alone, [0])
+    for k in range(8):
+        turned = pool(alone, [k])
+        if not np.array_equal(turned.option, plain.option):
+            continue  # another UAV of two alike went first
+        assert np.allclose(turned.task[..., :2], plain.task[..., :2] @ SYMMETRIES[k], atol=1e-5)
+        assert np.allclose(turned.task[..., 2:], plain.task[..., 2:], atol=1e-5)
+
+
+def test_batches_hold_every_decision_once(examples: list[Example]) -> None:
+    total = sum(e.steps for e in examples)
+    assert sum(len(b.option) for b in batches(examples, 32, np.random.default_rng(0), augment=False)) == total
+
+
+def test_training_learns_and_goes_on_where_it_stopped(tmp_path: Path, examples: list[Example]) -> None:
+    how = Training(epochs=6, batch=64, rate=3e-3, seed=1)
+    whole = Trainer(tmp_path / "a", SMALL, how).run(examples, examples, quiet=True)
+    assert whole[-1]["valid_loss"] < whole[0]["valid_loss"]
+    Trainer(tmp_path / "b", SMALL, replace(how, time_s=1e-9)).run(examples, examples, quiet=True)
+    half = Trainer(tmp_path / "b", SMALL, how)
+    half.how = replace(how, time_s=1e9)
+    assert half.epoch in (0, 1)
+    rest = half.run(examples, examples, quiet=True)
+    assert rest[-1]["valid_loss"] == pytest.approx(whole[-1]["valid_loss"], abs=1e-3)
+    assert Policy.load(tmp_path / "b" / "best.safetensors").config == SMALL
+    assert (tmp_path / "b" / "curve.csv").read_text().count("\n") == 7
+    with pytest.raises(PlannerError, match="another network"):
+        Trainer(tmp_path / "b", replace(SMALL, layers=1), how)
