@@ -9,6 +9,7 @@ import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,9 @@ UNVISITED_WALK_S = 2e4  # what a task left out costs on the walk, where leaving 
 WARM = 0.15  # share of the first temperature for a warm start: its structure is worth keeping
 MOST_WORKERS = 64
 DRIVE = 1e-2  # what a second that a UGV drives costs on the walk
+WALK_STEPS = 16_000  # of one walk, for each task: more go into further walks from the start ...
+MOST_WALKS = 8  # ... up to so many
+MIN_TASKS = 10  # fewer count as that many
 THRIFT_FROM = 0.9  # from this share of the budget on, UGVs shall drive less within the makespan reached
 THRIFT = 5e-2  # what a second that a UGV drives costs then
 SEEDS = 1 << 40  # from one worker's seed to the next
@@ -126,10 +130,10 @@ class _Search:
         uavs = self.around.uavs
         search_kernel.settle(draft.acts, draft.counts, self.world, self.work, self.rows, uavs, fill, self.short_s)
 
-    def score(self, draft: _Draft) -> float:
-        n = int(draft.counts[0])
-        kernel.run(self.world, self.work, draft.acts, n, np.inf, self.rows)
-        return search_kernel.score(self.work.out, n, self.short_s, search_kernel.UNVISITED_S, 0.0, search_kernel.DRIVE)
+    def score(self, draft: _Draft, work: Work | None = None) -> float:
+        n, work = int(draft.counts[0]), work or self.work
+        kernel.run(self.world, work, draft.acts, n, np.inf, self.rows)
+        return search_kernel.score(work.out, n, self.short_s, search_kernel.UNVISITED_S, 0.0, search_kernel.DRIVE)
 
     def sound(self, draft: _Draft) -> bool:
         """Whether every task is visited and nothing falls short."""
@@ -155,11 +159,13 @@ class _Budget:
         self.stop, self.begun = stop, begun
         self.done = 0
 
-    def steps(self) -> int:
-        """Steps up to the next look at the clock; 0 once the budget is used up."""
-        if self.share() >= 1.0:
+    def steps(self, end: float) -> int:
+        """Steps up to the next look at the clock; 0 once the share ``end`` of the budget is used up."""
+        if self.share() >= end:
             return 0
-        return CHUNK if self.stop.iterations is None else min(CHUNK, self.stop.iterations - self.done)
+        if self.stop.iterations is None:
+            return CHUNK
+        return max(0, min(CHUNK, round(end * self.stop.iterations) - self.done))
 
     def share(self, more: int = 0) -> float:
         """The share of the budget that is used, or will be after ``more`` steps."""
@@ -167,50 +173,85 @@ class _Budget:
         used = 0.0
         if self.stop.time_s is not None:
             spent = time.perf_counter() - self.begun
-            pace = spent / self.done if self.done else 1.0 / CLOCK_GUESS_PER_S
-            used = (spent + more * pace) / self.stop.time_s
+            used = (spent + more * self.pace()) / self.stop.time_s
         return min(1.0, max(steps, used))
+
+    def pace(self) -> float:
+        """Seconds for a step."""
+        return (time.perf_counter() - self.begun) / self.done if self.done else 1.0 / CLOCK_GUESS_PER_S
+
+    def left(self) -> float:
+        """About how many steps there are."""
+        by_time = (
+            inf if self.stop.time_s is None else (self.begun + self.stop.time_s - time.perf_counter()) / self.pace()
+        )
+        return by_time if self.stop.iterations is None else min(by_time, self.stop.iterations - self.done)
 
 
 class _Walker:
     """Walks one after the other, in one thread; its random numbers and work space are its own."""
 
-    def __init__(self, s: _Search, seed: int, budget: _Budget) -> None:
+    def __init__(self, s: _Search, seed: int, budget: _Budget, size: int) -> None:
         self.s, self.budget = s, budget
         self.work = s.arrays.work(unique=True)
+        self.tools, self.marks = _space(s.world, self.work, size)
         # xorshift's state may not be 0; the multiplication spreads small seeds over all bits
         self.rng = np.array([(seed * 0x9E3779B97F4A7C15 + 0xD1B54A32D192ED03) & (1 << 64) - 1 or 1], dtype=np.uint64)
 
-    def walk(self, first: _Draft, heat: float) -> _Draft:
-        """The best plan on a walk from ``first`` that takes the whole budget; ``heat`` scales the temperature."""
-        s, o, best, current = self.s, self.s.options, first.copy(), first.copy()
+    def walks(self, first: _Draft, warm: bool) -> _Draft:
+        """The best plan on some walks from ``first``, the last of them for thrift from the best so far."""
+        n, heat = 1, WARM
+        if not warm:
+            heat = 1.0
+            if self.budget.stop.time_s is not None and self.budget.done == 0:  # how fast it goes, from a few steps
+                self._anneal(first.copy(), first.copy(), CHUNK, 1.0, 1.0, 0.0)
+            n = int(self.budget.left() / (WALK_STEPS * max(MIN_TASKS, int((self.s.visited == 0).sum()))))
+            n = max(1, min(MOST_WALKS, n))
+        begin = self.budget.share()
+        found = []
+        for k in range(n):
+            length = (THRIFT_FROM - begin) / n
+            found.append(self._walk(first, begin + length * k, begin + length * (k + 1), heat))
+        best = min(found, key=self._score)
+        return self._walk(best, THRIFT_FROM, 1.0, 0.0, cap_s=self._span(best) + 1e-6)
+
+    def _score(self, draft: _Draft) -> float:
+        return self.s.score(draft, self.work)
+
+    def _span(self, draft: _Draft) -> float:
+        self.s.score(draft, self.work)
+        return max(1.0, float(self.work.out[kernel.O_MAKESPAN]))
+
+    def _walk(self, first: _Draft, begin: float, end: float, heat: float, cap_s: float = 0.0) -> _Draft:
+        """The best plan between two shares of the budget; ``heat`` scales the first temperature."""
+        o, best, current = self.s.options, first.copy(), first.copy()
         least, most = (200.0, 1e5) if o.allow_partial else (2.0, 1e3)
         weight = 5.0 * least
-        tools, marks = _space(s.world, self.work, len(best.acts))
-        cap_s = 0.0
-        while (steps := self.budget.steps()) > 0:
-            share = self.budget.share()
-            after = max(share, self.budget.share(steps))
-            # the first plan may be far longer than what soon is found
-            kernel.run(s.world, self.work, best.acts, int(best.counts[0]), np.inf, s.rows)
-            scale = max(1.0, float(self.work.out[kernel.O_MAKESPAN]))
+        while (steps := self.budget.steps(end)) > 0:
+            now = (self.budget.share() - begin) / (end - begin)
+            then = max(now, (self.budget.share(steps) - begin) / (end - begin))
+            scale = self._span(best)  # the first plan may be far longer than what soon is found
             hot = max(o.hot * heat, o.cold) * scale
             cold = o.cold * scale
-            begin, end = (hot * (cold / hot) ** min(1.0, x / THRIFT_FROM) for x in (share, after))
-            if share >= THRIFT_FROM and cap_s == 0.0:
-                cap_s = scale + 1e-6
-                current = best.copy()
-            fine = search_kernel.anneal(
-                best.acts, best.counts, current.acts, current.counts, s.world, self.work, s.around, tools, marks,
-                s.rows, o.allow_partial, self.rng, steps, begin, end, weight, UNVISITED_WALK_S, s.short_s, o.ruin,
-                cap_s, THRIFT if cap_s > 0.0 else DRIVE,
-            )  # fmt: skip
+            hot_s, cold_s = (hot * (cold / hot) ** min(1.0, max(0.0, x)) for x in (now, then))
+            fine = self._anneal(best, current, steps, hot_s, cold_s, weight, cap_s)
             if fine < 0.4:
                 weight = min(weight * 1.25, most)
             elif fine > 0.7:
                 weight = max(weight / 1.25, least)
-            self.budget.done += steps
         return best
+
+    def _anneal(
+        self, best: _Draft, current: _Draft, steps: int, hot_s: float, cold_s: float, weight: float, cap_s: float = 0.0
+    ) -> float:
+        s = self.s
+        fine = search_kernel.anneal(
+            best.acts, best.counts, current.acts, current.counts, s.world, self.work, s.around, self.tools,
+            self.marks, s.rows, s.options.allow_partial, self.rng, steps, hot_s, cold_s, weight, UNVISITED_WALK_S,
+            s.short_s, s.options.ruin, cap_s, THRIFT if cap_s > 0.0 else DRIVE,
+        )  # fmt: skip
+        self.budget.done += steps
+        return fine
 
 
 def search(problem: Problem, stop: Stop, seed: int, params: Params) -> Result:
@@ -234,9 +275,9 @@ def search(problem: Problem, stop: Stop, seed: int, params: Params) -> Result:
     warm = params.start is not None and first is drafts[0]
     n = options.workers
     each = stop if stop.iterations is None else replace(stop, iterations=-(-stop.iterations // n))
-    walkers = [_Walker(s, seed + SEEDS * k, _Budget(each, begun)) for k in range(n)]
+    walkers = [_Walker(s, seed + SEEDS * k, _Budget(each, begun), len(first.acts)) for k in range(n)]
     with ThreadPoolExecutor(n) as pool:  # the kernels free the GIL
-        found = list(pool.map(lambda w: w.walk(first, WARM if warm else 1.0), walkers))
+        found = list(pool.map(lambda w: w.walks(first, warm), walkers))
     best = min(found, key=s.score)
     s.settle(best, fill=not options.allow_partial)
     done = sum(w.budget.done for w in walkers)
