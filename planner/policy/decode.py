@@ -11,10 +11,11 @@ import math
 import time
 from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planner import kernel
 from planner.arrays import decode as to_actions
@@ -28,11 +29,13 @@ from planner.policy.batches import SYMMETRIES
 from planner.policy.complete_kernel import copy_work
 from planner.policy.config import PlusConfig
 from planner.policy.decode_kernel import Desk
-from planner.policy.plus_kernel import Weights
+from planner.policy.features_kernel import fill_view
+from planner.policy.plus_kernel import Weights, logits
 from planner.policy.state import State, clone, new_state
 from planner.policy.weights import Tensors, plus_weights, read, room
 from planner.problem import Problem
 
+NEVER, SHUT = np.float32(-1e9), -1e8  # the logit of what is not offered, and what lies above it
 FLY, DRIVE = 2e-3, 1e-3  # what a flown and a driven second count beside one of makespan
 
 
@@ -49,8 +52,8 @@ class Decoded:
         decisions: of the network, over all attempts.
         refused: options of this plan that were turned down as no way to finish was found behind them.
         forced: decisions of this plan that were taken from that way.
-        log_p: log-probability of a greedy plan.
-        doubt: the least probability of a greedy choice.
+        log_p: log-probability of the plan.
+        doubt: the least probability of a choice.
     """
 
     codes: Codes
@@ -76,38 +79,84 @@ class _Seat:
         self.weights = policy.weights
         self.s: State = new_state(problem, *off)
         w = self.s.world
-        n_tasks, n_sites, n_uavs, n_ugvs = len(w.visited), w.road.shape[1], len(w.uavs), len(w.ugvs)
-        before = clone(self.s.work)
+        self.n_tasks, self.n_sites, self.n_ugvs = len(w.visited), w.road.shape[1], len(w.ugvs)
         self.desk = Desk(
             self.s.space,
-            before,
-            np.zeros(n_uavs, np.int32),
-            np.zeros(n_tasks, np.float32),
-            np.zeros((n_ugvs, n_sites), np.float32),
-            np.zeros(1, np.float32),
+            clone(self.s.work),
+            np.zeros(len(w.uavs), np.int32),
             np.zeros(2, np.int64),
             self.s.way,
             np.zeros_like(self.s.way),
-            room(policy.config, n_tasks + n_sites + n_uavs + n_ugvs),
-            self.s.view,
         )
+        self.room = room(policy.config, self.n_tasks + self.n_sites + len(w.uavs) + self.n_ugvs)
+        self.logits = np.zeros(self.n_tasks + self.n_ugvs * self.n_sites + 1, np.float32)
         self.report = np.zeros(dk.REPORT)
-        self.rng = np.zeros(1, np.int64)
 
     def turned(self, symmetry: int) -> Floats:
         return self.s.xy if symmetry == 0 else np.ascontiguousarray(self.s.xy @ SYMMETRIES[symmetry])
+
+    def take(self, u: int, option: int, *, force: bool = False) -> bool:
+        s = self.s
+        return dk.take(s.world, s.work, s.turn, self.desk, u, option, force, s.acts, self.report)
 
     def begin(self) -> None:
         s = self.s
         tk.start(s.world, s.work, s.turn)
         self.report[:] = 0.0
         self.report[dk.D_DOUBT] = 1.0
-        dk.ready(s.world, s.work, s.turn, self.desk, self.report)
+        self.take(0, -1)
 
-    def run(self, xy: Floats, heat: float = 0.0, seed: int = 0) -> None:
+    @property
+    def finished(self) -> bool:
+        return bool(self.s.work.sums[kernel.S_LEFT] <= 0 or self.report[dk.D_ACTIONS] >= len(self.s.acts) - 1)
+
+    def look(self, xy: Floats) -> tuple[int, NDArray[np.float32]]:
+        """Whose turn it is, -1 if nobody's, and the logits of the options, tasks counted among those that are left."""
         s = self.s
-        self.rng[0] = seed
-        dk.decode(s.world, s.work, s.turn, xy, s.reach, self.weights, self.desk, s.acts, heat, self.rng, self.report)
+        u = tk.acting(s.work, s.turn)
+        if u < 0:
+            return u, self.logits[:0]
+        tk.offer(s.world, s.work, s.turn, u)
+        fill_view(s.world, s.work, s.turn, u, xy, s.reach, s.view)
+        left = int(s.view.counts[0])
+        end = left + self.n_ugvs * self.n_sites
+        some = self.logits[: end + 1]
+        meet = some[left:end].reshape(self.n_ugvs, self.n_sites)
+        logits(self.weights, self.room, s.view, some[:left], meet, some[end:])
+        self.report[dk.D_DECISIONS] += 1
+        return u, some
+
+    def option(self, place: int) -> int:
+        """The option at a place in ``look``'s logits."""
+        left = int(self.s.view.counts[0])
+        return int(self.s.view.tasks[place]) if place < left else place - left + self.n_tasks
+
+    def run(self, xy: Floats, heat: float = 0.0, rng: np.random.Generator | None = None) -> None:
+        """Decodes from the present state to the end: the largest logits, or with Gumbel noise a sample."""
+        report = self.report
+        while not self.finished:
+            u, some = self.look(xy)
+            if u < 0:
+                return
+            values = some
+            if rng is not None:
+                values = some + heat * rng.gumbel(size=len(some)).astype(np.float32)
+            total = None
+            while True:
+                place = int(values.argmax())
+                if some[place] <= SHUT:
+                    if not self.take(u, 0, force=True):
+                        self.s.turn.done[u] = 1  # nothing is offered and no way is known: search has to take over
+                    break
+                if total is None:
+                    best = float(some.max())
+                    total = best + math.log(float(np.exp(some - best).sum()))
+                value = float(some[place]) - total
+                if self.take(u, self.option(place)):
+                    report[dk.D_LOG_P] += value
+                    report[dk.D_DOUBT] = min(report[dk.D_DOUBT], math.exp(value))
+                    break
+                some[place] = values[place] = NEVER
 
     def result(self, sure: bool) -> Decoded:
         w, k, r = self.s.world, self.s.work, self.report
@@ -127,11 +176,29 @@ class _Seat:
             float(r[dk.D_DOUBT]),
         )
 
-    def plan(self, symmetry: int = 0, heat: float = 0.0, seed: int = 0) -> Decoded:
+    def plan(self, symmetry: int = 0, heat: float = 0.0, seed: int | None = None) -> Decoded:
+        """A whole plan; with a seed a sample."""
         self.begin()
         sure = bool(self.report[dk.D_CERTAIN])
-        self.run(self.turned(symmetry), heat, seed)
+        self.run(self.turned(symmetry), heat, None if seed is None else np.random.default_rng(seed))
         return self.result(sure)
+
+    def keep(self, cost: float) -> _Node:
+        """The present state, to come back to."""
+        s = self.s
+        return _Node(
+            clone(s.work), s.turn.done.copy(), s.turn.row.copy(), s.acts[: int(self.report[dk.D_ACTIONS])].copy(),
+            self.desk.way.copy(), self.report.copy(), cost,
+        )  # fmt: skip
+
+    def back(self, node: _Node) -> None:
+        """Comes back to a state."""
+        s = self.s
+        copy_work(node.work, s.work)
+        s.turn.done[:], s.turn.row[:] = node.done, node.row
+        s.acts[: len(node.acts)] = node.acts
+        self.desk.way[:] = node.way
+        self.report[:] = node.report
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +289,7 @@ class Policy:
             for i in range(part, count, threads):
                 if found and time.perf_counter() - begun > time_s:
                     break
-                found.append((i, seat.plan(i % 8, 0.0 if i < 8 else heat, seed * 1_000_003 + i)))
+                found.append((i, seat.plan(i % 8, heat, None if i < 8 else seed * 1_000_003 + i)))
             return found
 
         if threads <= 1:
@@ -262,75 +329,45 @@ class Policy:
         """
         begun = time.perf_counter()
         seat = _Seat(self, problem, (exclude_uavs, exclude_ugvs))
-        s, desk, report = seat.s, seat.desk, seat.report
         xy = seat.turned(symmetry)
         seat.begin()
-        sure = bool(report[dk.D_CERTAIN])
-        nodes = [_keep(seat, math.inf)]
+        sure = bool(seat.report[dk.D_CERTAIN])
+        nodes = [seat.keep(math.inf)]
         seat.run(xy)
         best = seat.result(sure)
         decisions = best.decisions
-        options = np.zeros(expand, np.int32)
         while nodes and time.perf_counter() - begun < time_s:
             children: dict[bytes, _Node] = {}
             for node in nodes:
-                _back(seat, node)
-                if s.work.sums[kernel.S_LEFT] <= 0:
+                seat.back(node)
+                if seat.finished:
                     continue
-                u = dk.look(s.world, s.work, s.turn, xy, s.reach, seat.weights, desk, report)
+                u, some = seat.look(xy)
                 decisions += 1
                 if u < 0:
                     continue
-                n = dk.several(desk, int(desk.sight.counts[0]), options)
-                tasks, counts = desk.sight.tasks.copy(), desk.sight.counts.copy()
-                for option in [*options[:n].tolist(), -1]:
-                    _back(seat, node)
-                    desk.sight.tasks[:], desk.sight.counts[:] = tasks, counts
-                    if option < 0:
-                        if n and any(True for _ in children):
-                            continue  # the known way is only for where nothing else is left
-                        fine = dk.follow(s.world, s.work, s.turn, u, s.acts, desk, report)
-                    else:
-                        fine = dk.take(s.world, s.work, s.turn, u, option, s.acts, desk, report)
-                    if not fine:
+                places = [p for p in np.argsort(-some, kind="stable")[:expand].tolist() if some[p] > SHUT]
+                options = [seat.option(p) for p in places]
+                found = 0
+                for k in range(len(options) + 1):
+                    force = k == len(options)
+                    if force and found:
+                        break  # the known way is for where nothing else is left
+                    seat.back(node)
+                    if not seat.take(u, 0 if force else options[k], force=force):
                         continue
-                    child = _keep(seat, math.inf)
-                    report[dk.D_DECISIONS] = 0
+                    found += 1
+                    child = seat.keep(math.inf)
+                    seat.report[dk.D_DECISIONS] = 0
                     seat.run(xy)
                     end = seat.result(sure)
                     decisions += end.decisions
-                    if end.cost < best.cost:
-                        best = end
-                    key = child.acts.tobytes() + child.done.tobytes()
-                    children[key] = _Node(
-                        child.work, child.done, child.row, child.acts, child.way, child.report, end.cost
-                    )
+                    best = min(best, end, key=lambda x: x.cost)
+                    children.setdefault(child.acts.tobytes() + child.done.tobytes(), replace(child, cost=end.cost))
             nodes = sorted(children.values(), key=lambda x: x.cost)[:width]
-        return Decoded(best.codes, best.makespan_s, best.cost, best.complete, best.certain, decisions, best.refused,
-                       best.forced, best.log_p, best.doubt)  # fmt: skip
-
-
-def _keep(seat: _Seat, cost: float) -> _Node:
-    s = seat.s
-    n = int(seat.report[dk.D_ACTIONS])
-    way = seat.desk.way.copy()
-    return _Node(
-        clone(s.work), s.turn.done.copy(), s.turn.row.copy(), s.acts[:n].copy(), way,
-        seat.report.copy(), cost,
-    )  # fmt: skip
-
-
-def _back(seat: _Seat, node: _Node) -> None:
-    s = seat.s
-    copy_work(node.work, s.work)
-    s.turn.done[:], s.turn.row[:] = node.done, node.row
-    s.acts[: len(node.acts)] = node.acts
-    seat.desk.way[:] = node.way
-    seat.report[:] = node.report
+        return replace(best, decisions=decisions)
 
 
 def _best_of(plans: list[Decoded]) -> Decoded:
     best = min(plans, key=lambda x: (x.cost, -len(x.codes)))
-    decisions = sum(x.decisions for x in plans)
-    return Decoded(best.codes, best.makespan_s, best.cost, best.complete, best.certain, decisions, best.refused,
-                   best.forced, best.log_p, best.doubt)  # fmt: skip
+    return replace(best, decisions=sum(x.decisions for x in plans))

@@ -272,7 +272,8 @@ def logits(w: Weights, room: Room, view: View, visit: Singles, meet: Singles, do
                 x[i, k] += out[i, k] + w.down_b[layer, k]
     _norm(x, w.norm[0], w.norm[1], y)
     me = y[at[2] : at[2] + 1]
-    query = np.dot(me, w.query)[0] + w.biases[0]
+    np.dot(me, w.query, room.x[:1])
+    query = room.x[0] + w.biases[0]
     hold = room.hold
     np.dot(y[: at[1]], w.point[0], hold[: at[1]])
     for i in range(at[1]):
@@ -294,4 +295,5 @@ def logits(w: Weights, room: Room, view: View, visit: Singles, meet: Singles, do
             meet[g, p] = _score(row, query, w.score)
     done[0] = FORBIDDEN
     if view.counts[4] != 0:
-        done[0] = _score(np.dot(me, w.point[3])[0] + w.biases[2], query, w.score)
+        np.dot(me, w.point[3], room.x[:1])
+        done[0] = _score(room.x[0] + w.biases[2], query, w.score)

@@ -1,0 +1,145 @@
+"""The paper's network and its MLP baseline: graph, list of actions, the same numbers without torch, feasible plans."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planner.errors import PlannerError
+from planner.instances import data_set
+from planner.labels import in_order
+from planner.plan import Action
+from planner.policy import tokens_kernel as tk
+from planner.policy.config import PaperConfig
+from planner.policy.graph import POINT, TASK, UAV, UGV, Graph, action_of, graph, index_of, n_actions, spoken
+from planner.policy.paper_decode import PaperPolicy
+from planner.policy.paper_kernel import offer_all, say
+from planner.policy.paper_numpy import PaperModel
+from planner.policy.state import new_state
+from planner.presets import preset
+from planner.problem import Problem
+from planner.schedule import evaluate
+from planner.solve import Stop, solve
+
+torch = pytest.importorskip("torch")
+
+from planner.policy.paper_net import Graphs, PaperNet  # noqa: E402
+from planner.policy.paper_train import measure, sequences, train  # noqa: E402
+from planner.policy.train import Training  # noqa: E402
+
+CONFIG = PaperConfig(15, 5, 2, 2, dim=32, encoder_layers=2, decoder_layers=2, most=96)
+
+
+def network(config: PaperConfig = CONFIG) -> tuple[PaperNet, dict[str, np.ndarray]]:
+    torch.manual_seed(0)
+    net = PaperNet(config).eval()
+    return net, {k: v.detach().numpy() for k, v in net.state_dict().items()}
+
+
+@pytest.fixture(scope="module")
+def pairs() -> list[tuple[Problem, tuple[Action, ...]]]:
+    one = data_set("T15-P5_2-2")
+    return [(p, solve(p, Stop(iterations=5_000), i).plan.actions) for i, p in enumerate(one.instances(range(6)))]
+
+
+def batch(g: Graph) -> Graphs:
+    return Graphs(*(torch.from_numpy(x[None]) for x in g))
+
+
+def test_edges_are_the_papers() -> None:
+    problem = preset("T15-P5", (2, 2), 0)
+    g = graph(problem, replace(CONFIG, radius=0.4))
+    kind = np.repeat([TASK, POINT, UAV, UGV], [15, 6, 2, 2])
+    to, of = kind[:, None], kind[None, :]
+    assert not g.intra[to != of].any()
+    assert np.diag(g.intra).all()
+    assert (g.uav_edges <= ((to == UAV) & ((of == TASK) | (of == UGV)))).all()
+    assert (g.ugv_edges <= ((to == UGV) & ((of == UAV) | (of == POINT)))).all()
+    wide = graph(problem, replace(CONFIG, radius=9.0))
+    assert wide.uav_edges.sum() == 2 * (15 + 2)
+    assert wide.ugv_edges.sum() == 2 * (2 + 6)
+    assert (g.intra <= wide.intra).all()
+    assert g.intra.sum() < wide.intra.sum()
+    assert not graph(problem, replace(CONFIG, uav_edges=False)).uav_edges.any()
+
+
+def test_every_action_has_a_number() -> None:
+    assert n_actions(CONFIG) == 2 * 15 + 2 * 6 + 2 * 2
+    assert [index_of(action_of(i, CONFIG), CONFIG) for i in range(n_actions(CONFIG))] == list(range(n_actions(CONFIG)))
+
+
+@pytest.mark.parametrize("kind", ["hgt", "mlp"])
+def test_the_same_logits_with_and_without_torch(kind: str) -> None:
+    config = replace(CONFIG, graph=kind)
+    net, tensors = network(config)
+    g = graph(preset("T15-P5", (2, 2), 1), config)
+    said = np.random.default_rng(0).integers(0, n_actions(config), 30)
+    with torch.inference_mode():
+        expected = net(batch(g), torch.from_numpy(said[None]))[0].numpy()
+    model = PaperModel(config, tensors)
+    saying = model.begin(model.encode(g))
+    mine = np.stack([saying.next(None if t == 0 else int(said[t - 1])) for t in range(31)])
+    assert np.abs(mine - expected).max() < 1e-4
+
+
+def test_logits_do_not_see_the_future() -> None:
+    net, _ = network()
+    g = batch(graph(preset("T15-P5", (2, 2), 1), CONFIG))
+    one = torch.tensor([[1, 2, 3, 4]])
+    other = torch.tensor([[1, 2, 30, 31]])
+    with torch.inference_mode():
+        a, b = net(g, one)[0], net(g, other)[0]
+    assert torch.allclose(a[:3], b[:3])
+    assert not torch.allclose(a[3:], b[3:])
+
+
+def test_experts_are_never_masked_out(pairs: list[tuple[Problem, tuple[Action, ...]]]) -> None:
+    for problem, actions in pairs:
+        sequence = spoken(in_order(problem, actions))
+        s = new_state(problem)
+        tk.start(s.world, s.work, s.turn)
+        moved, offered = np.zeros(2, np.uint8), np.zeros(n_actions(CONFIG), np.uint8)
+        for action in sequence:
+            offer_all(s.world, s.work, s.turn, moved, offered)
+            assert offered[index_of(action, CONFIG)]
+            say(s.world, s.work, s.turn, moved, index_of(action, CONFIG))
+        schedule = evaluate(problem, sequence)
+        assert schedule.feasible
+        assert schedule.makespan_s == pytest.approx(evaluate(problem, actions).makespan_s)
+
+
+@pytest.mark.parametrize(("setup", "team"), [("T15-P5", (1, 1)), ("T15-P5", (4, 2)), ("T45-P10", (2, 2))])
+def test_whatever_the_weights_plans_are_feasible(setup: str, team: tuple[int, int]) -> None:
+    problem = preset(setup, team, 2)
+    config = replace(
+        CONFIG, n_tasks=problem.n_tasks, n_points=len(problem.path_points), n_uavs=team[0], n_ugvs=team[1], most=256
+    )
+    found = PaperPolicy(config, network(config)[1]).greedy(problem)
+    schedule = evaluate(problem, found.actions(problem))
+    assert found.certain
+    assert schedule.violation is None
+    assert schedule.makespan_s == pytest.approx(found.makespan_s)
+
+
+def test_other_sizes_are_refused() -> None:
+    policy = PaperPolicy(CONFIG, network()[1])
+    with pytest.raises(PlannerError, match="15 tasks, 5 path points, 2 UAVs and 2 UGVs only"):
+        policy.greedy(preset("T15-P5", (2, 1), 0))
+
+
+def test_training_learns_and_goes_on(tmp_path: Path, pairs: list[tuple[Problem, tuple[Action, ...]]]) -> None:
+    data = sequences(pairs, CONFIG)
+    assert len(data.said) == 8 * len(pairs)
+    valid = sequences(pairs[:2], CONFIG, augment=False)
+    how = Training(epochs=24, batch=16, rate=3e-3)
+    before = measure(network()[0], valid, 8, torch.device("cpu"))[0]
+    train(tmp_path, CONFIG, replace(how, time_s=1e-9), data, valid, quiet=True)
+    net = train(tmp_path, CONFIG, how, data, valid, quiet=True)
+    assert measure(net, valid, 8, torch.device("cpu"))[0] < 0.8 * before
+    assert (tmp_path / "curve.csv").read_text().count("\n") == 25
+    policy = PaperPolicy.load(tmp_path / "best.safetensors")
+    problem = pairs[0][0]
+    assert evaluate(problem, policy.greedy(problem).actions(problem)).violation is None
