@@ -220,12 +220,17 @@ def benchmark(
         typer.Option(min=1, max=200, help="Test instances of each data set.", show_default="as each row says"),
     ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes at once; no more than free cores.")] = 1,
+    table: Annotated[
+        bool, typer.Option("--table", help="Measure nothing, write table and plot of what is there.")
+    ] = False,
     as_json: AsJson = False,
 ) -> int:
     """Compare all planning methods on the paper's data sets; what is measured already is kept."""
     from deploy.cli_benchmark import benchmark as command  # noqa: PLC0415
 
-    return command(is_quick=quick, out=out, rows=rows, sets=sets, instances=instances, jobs=jobs, as_json=as_json)
+    return command(
+        is_quick=quick, out=out, rows=rows, sets=sets, instances=instances, jobs=jobs, as_json=as_json, table=table
+    )
 
 
 def main() -> None:

@@ -21,7 +21,15 @@ QUICK_NOTE = "**A quick check that everything runs: one instance each, next to n
 
 
 def benchmark(
-    *, is_quick: bool, out: Path, rows: str | None, sets: str | None, instances: int | None, jobs: int, as_json: bool
+    *,
+    is_quick: bool,
+    out: Path,
+    rows: str | None,
+    sets: str | None,
+    instances: int | None,
+    jobs: int,
+    as_json: bool,
+    table: bool = False,
 ) -> int:
     """Runs what is missing in ``out`` and writes table and plot.
 
@@ -43,12 +51,15 @@ def benchmark(
         task = bar.add_task("plans", total=None)
         measured = run(
             out / f"{stem}.csv", given, sets=names, instances=count, jobs=jobs,
-            progress=lambda done, total: bar.update(task, completed=done, total=total),
+            progress=lambda done, total: bar.update(task, completed=done, total=total), missing_too=not table,
         )  # fmt: skip
+    if not measured:
+        raise InputError(f"there are no results in {out / stem}.csv yet; leave out the option", key="--table")
     note = QUICK_NOTE if is_quick else ""
     (out / f"{stem}.md").write_text(markdown(measured, given, note), encoding="utf-8")
     plot(measured, given, out / f"{stem}.png")
-    write_about(out / f"{stem}.json", shlex.join(["copcs-deploy", *sys.argv[1:]]))
+    if not table:
+        write_about(out / f"{stem}.json", shlex.join(["copcs-deploy", *sys.argv[1:]]))
     if as_json:
         table = [
             {"data_set": k[0], "row": k[1], "instances": c.count, "feasible": c.feasible, "makespan_s": c.means[0],

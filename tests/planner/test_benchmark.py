@@ -76,16 +76,18 @@ def test_processes_measure_the_same(tmp_path) -> None:
     assert [r.data_set for r in rows] == SETS and all(r.feasible for r in rows)
 
 
-def row(data: str, entry: str, span: float, feasible: bool = True, bound: float | None = None) -> Row:
+def row(
+    data: str, entry: str, span: float, feasible: bool = True, bound: float | None = None, instance: int = 800
+) -> Row:
     return Row(
-        data, 800, entry, entry, feasible, span, 2e6, 3e6, 0, 0, span, 0.5, bound, 9, "d", "" if feasible else "x"
+        data, instance, entry, entry, feasible, span, 2e6, 3e6, 0, 0, span, 0.5, bound, 9, "d", "" if feasible else "x"
     )
 
 
 def test_table_and_plot(tmp_path) -> None:
     given = [fast("search"), Entry("gls", "gls", SEARCH_S, "a baseline"), Entry("milp", "milp", SEARCH_S, "exact")]
-    rows = [row("T15-P5_1-1", "search", 900.0), row("T15-P5_1-1", "search", 1100.0)]
-    rows += [row("T15-P5_1-1", "gls", 2000.0), row("T15-P5_1-1", "gls", 9e9, feasible=False)]
+    rows = [row("T15-P5_1-1", "search", 900.0), row("T15-P5_1-1", "search", 1100.0, instance=801)]
+    rows += [row("T15-P5_1-1", "gls", 2000.0), row("T15-P5_1-1", "gls", 9e9, feasible=False, instance=801)]
     rows += [row("T15-P5_1-1", "milp", 1000.0, bound=1000.0), row("T15-P5_1-1", "milp", 1000.0, bound=900.0)]
     cell = cells(rows)["T15-P5_1-1", "search"]
     assert cell.means == (1000.0, 2000.0, 3000.0) and cell.errors[0] == pytest.approx(100.0)
@@ -94,7 +96,8 @@ def test_table_and_plot(tmp_path) -> None:
     assert "| gls | 2000 | - | - | - |" in text  # over feasible plans
     assert "| gls | 1/2, 0.50 s |" in text
     assert "| *paper: CoPCS* | *6618* | *3478* | *3465* | *2614* |" in text
-    assert "- published: 1-1 50.0 % (gls)" in text
+    # over the instance that both solve: 900 against 2000 s
+    assert "| published, time as search | 1-1 | gls | 1 | 55.0 % | 122.2 % | +0 % | +0 % |" in text
     assert "1-1: milp proved 1 of 2 optimal, mean gap 5.0 %" in text
     assert "What cannot:" in text and "T45" not in text.split("## T15")[1]
     plot(rows, given, tmp_path / "p.png")
@@ -118,6 +121,13 @@ def test_command(tmp_path) -> None:
     about = json.loads((tmp_path / "quick.json").read_text())
     assert about["cores"] >= 1 and about["packages"]["ortools"]
     assert (tmp_path / "quick.png").exists()
+    (tmp_path / "benchmark.csv").write_bytes((tmp_path / "quick.csv").read_bytes())
+    args = ["benchmark", "--table", "--out", str(tmp_path)]
+    assert CliRunner().invoke(app, args).exit_code == 0
+    assert "published, time as search" in (tmp_path / "benchmark.md").read_text()
+    assert len(read_rows(tmp_path / "benchmark.csv")) == 2 and not (tmp_path / "benchmark.json").exists()
+    nothing = CliRunner().invoke(app, [*args[:-1], str(tmp_path / "empty")])
+    assert nothing.exit_code == 2 and "--table" in nothing.output
     wrong = CliRunner().invoke(app, ["benchmark", "--rows", "magic", "--out", str(tmp_path)])
     assert wrong.exit_code == 2
     wrong = CliRunner().invoke(app, ["benchmark", "--sets", "magic", "--out", str(tmp_path)])
