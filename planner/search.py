@@ -158,6 +158,7 @@ class _Budget:
     def __init__(self, stop: Stop, begun: float) -> None:
         self.stop, self.begun = stop, begun
         self.done = 0
+        self.walked_s = 0.0
 
     def steps(self, end: float) -> int:
         """Steps up to the next look at the clock; 0 once the share ``end`` of the budget is used up."""
@@ -178,7 +179,7 @@ class _Budget:
 
     def pace(self) -> float:
         """Seconds for a step."""
-        return (time.perf_counter() - self.begun) / self.done if self.done else 1.0 / CLOCK_GUESS_PER_S
+        return self.walked_s / self.done if self.done else 1.0 / CLOCK_GUESS_PER_S
 
     def left(self) -> float:
         """About how many steps there are."""
@@ -203,8 +204,8 @@ class _Walker:
         n, heat = 1, WARM
         if not warm:
             heat = 1.0
-            if self.budget.stop.time_s is not None and self.budget.done == 0:  # how fast it goes, from a few steps
-                self._anneal(first.copy(), first.copy(), CHUNK, 1.0, 1.0, 0.0)
+            if self.budget.stop.time_s is not None:  # how fast it goes, from a few steps
+                self._anneal(first.copy(), first.copy(), self.budget.steps(1.0), 1.0, 1.0, 0.0)
             n = int(self.budget.left() / (WALK_STEPS * max(MIN_TASKS, int((self.s.visited == 0).sum()))))
             n = max(1, min(MOST_WALKS, n))
         begin = self.budget.share()
@@ -244,13 +245,14 @@ class _Walker:
     def _anneal(
         self, best: _Draft, current: _Draft, steps: int, hot_s: float, cold_s: float, weight: float, cap_s: float = 0.0
     ) -> float:
-        s = self.s
+        s, begun = self.s, time.perf_counter()
         fine = search_kernel.anneal(
             best.acts, best.counts, current.acts, current.counts, s.world, self.work, s.around, self.tools,
             self.marks, s.rows, s.options.allow_partial, self.rng, steps, hot_s, cold_s, weight, UNVISITED_WALK_S,
             s.short_s, s.options.ruin, cap_s, THRIFT if cap_s > 0.0 else DRIVE,
         )  # fmt: skip
         self.budget.done += steps
+        self.budget.walked_s += time.perf_counter() - begun
         return fine
 
 
