@@ -122,17 +122,15 @@ class PlusNet(nn.Module):
         m, s, u, g = batch.task.shape[1], batch.site.shape[1], batch.uav.shape[1], batch.ugv.shape[1]
         parts = (self.task(batch.task), self.site(batch.site), self.uav(batch.uav), self.ugv(batch.ugv))
         x = torch.cat(parts, dim=1)
-        kind = torch.repeat_interleave(
-            torch.arange(4, device=x.device), torch.tensor([m, s, u, g], device=x.device), output_size=m + s + u + g
-        )
+        kind = torch.cat([torch.full((n,), i, device=x.device) for i, n in enumerate((m, s, u, g))])
         relation = 4 * kind[:, None] + kind[None, :]
         at = torch.cat([batch.task[..., :2], batch.site[..., :2], batch.uav[..., :2], batch.ugv[..., :2]], dim=1)
         step = at[:, :, None] - at[:, None]
         fly = (step.square().sum(-1) + 1e-12).sqrt()
-        drive = torch.zeros_like(fly)
-        drive[:, m : m + s, m : m + s] = batch.drive[:, :s]
-        drive[:, m + s + u :, m : m + s] = batch.drive[:, s:]
-        drive[:, m : m + s, m + s + u :] = batch.drive[:, s:].transpose(1, 2)
+        between, to_sites = batch.drive[:, :s], batch.drive[:, s:]
+        of_sites = torch.cat([fn.pad(between, (m, u)), to_sites.transpose(1, 2)], dim=2)
+        of_ugvs = fn.pad(to_sites, (m, u + g))
+        drive = torch.cat([fn.pad(of_sites, (0, 0, m, u)), of_ugvs], dim=1)
         sizes = torch.cat([
             torch.arange(n, device=x.device)[None] >= batch.counts[:, i : i + 1] for i, n in enumerate((m, s, u, g))
         ], dim=1)  # fmt: skip
