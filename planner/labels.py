@@ -253,7 +253,7 @@ def _ray(todo: Sequence[tuple[str, int]], expert: Expert) -> _Done:
     try:
         import ray  # noqa: PLC0415  (optional)
     except ImportError:
-        raise PlannerError("engine ray needs Ray; pip install ray, or use engine local") from None
+        raise PlannerError("engine ray needs Ray; pip install 'copcs-deploy[cluster]', or use engine local") from None
     ray.init(ignore_reinit_error=True, log_to_driver=False)
     remote = ray.remote(num_cpus=1)(make_chunk)
     running = {remote.remote(*one, expert): one for one in todo}

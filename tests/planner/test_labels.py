@@ -78,7 +78,8 @@ def test_unknown_engine(tmp_path) -> None:
 
 @pytest.mark.slow
 def test_a_local_ray_cluster_makes_the_same(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
-    ray = pytest.importorskip("ray")
+    import ray  # noqa: PLC0415  (slow)
+
     monkeypatch.undo()  # the workers know nothing of it
     monkeypatch.setattr(labels, "CHUNK", labels.CHUNK)
     one = Expert(steps_t15=100, steps_t45=100, sample=50)
