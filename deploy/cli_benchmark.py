@@ -61,7 +61,7 @@ def benchmark(
     if not table:
         write_about(out / f"{stem}.json", shlex.join(["copcs-deploy", *sys.argv[1:]]))
     if as_json:
-        table = [
+        found = [
             {"data_set": k[0], "row": k[1], "instances": c.count, "feasible": c.feasible, "makespan_s": c.means[0],
              "uav_energy_kj": c.means[1], "ugv_energy_kj": c.means[2], "planning_s": c.planning_s}
             for k, c in cells(measured).items()
@@ -69,7 +69,7 @@ def benchmark(
         print_json(
             {
                 "rows": [
-                    {n: None if isinstance(v, float) and math.isnan(v) else v for n, v in row.items()} for row in table
+                    {n: None if isinstance(v, float) and math.isnan(v) else v for n, v in row.items()} for row in found
                 ]
             }
         )
