@@ -193,6 +193,12 @@ class Trainer:
         """The weights as arrays."""
         return {k: v.detach().cpu().numpy() for k, v in self.net.state_dict().items()}
 
+    def _passes(self, examples: Sequence[Example], rng: np.random.Generator) -> Iterator[Pool]:
+        """One pass through the data, or passes without end where processes have to keep step."""
+        yield from batches(examples, self.how.batch, rng, augment=self.how.augment)
+        while self.world > 1:
+            yield from batches(examples, self.how.batch, rng, augment=self.how.augment)
+
     def run(self, train: Sequence[Example], valid: Sequence[Example], *, quiet: bool = False) -> list[dict[str, float]]:
         """Trains to the last epoch or until the time is up; the rows of the curve that were added.
 
@@ -207,7 +213,7 @@ class Trainer:
         if self.world > 1:
             net = DistributedDataParallel(self.net)
         per_epoch = steps_of(mine, how.batch)
-        if self.world > 1:  # every process must take as many steps
+        if self.world > 1:
             fewest = torch.tensor(per_epoch, device=self.device)
             distributed.all_reduce(fewest, distributed.ReduceOp.MIN)
             per_epoch = int(fewest)
@@ -219,9 +225,9 @@ class Trainer:
                 net.train()
                 rng = np.random.default_rng([how.seed, self.epoch, self.rank])
                 total, right, n, taken = 0.0, 0, 0, 0
-                for pool in _ahead(batches(mine, how.batch, rng, augment=how.augment)):
+                for pool in _ahead(self._passes(mine, rng)):
                     if self.world > 1 and taken >= per_epoch:
-                        break
+                        break  # every process takes as many steps as the others, or they wait for ever
                     rate = schedule(self.step, how.epochs * per_epoch, how)
                     for group in self.adam.param_groups:
                         group["lr"] = rate

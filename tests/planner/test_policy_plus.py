@@ -7,8 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from strategies import problems
 
 from planner import kernel
+from planner.arrays import decode
 from planner.errors import PlannerError
 from planner.instances import data_set
 from planner.midway import midway
@@ -18,10 +21,12 @@ from planner.policy.config import PlusConfig
 from planner.policy.decode import Policy
 from planner.policy.examples import Example, example, load, save
 from planner.policy.features_kernel import fill_view
+from planner.policy.order import in_turns
 from planner.policy.plus_kernel import logits
 from planner.policy.state import new_state
 from planner.policy.weights import plus_weights, read, room, write
 from planner.presets import preset
+from planner.problem import Problem
 from planner.schedule import evaluate
 from planner.solve import Stop, solve
 
@@ -220,3 +225,33 @@ def test_training_learns_and_goes_on_where_it_stopped(tmp_path: Path, examples: 
     assert (tmp_path / "b" / "curve.csv").read_text().count("\n") == 7
     with pytest.raises(PlannerError, match="another network"):
         Trainer(tmp_path / "b", replace(SMALL, layers=1), how)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(problem=problems())
+def test_any_problem_is_decoded_and_nobody_is_lost(problem: Problem) -> None:
+    found = Policy(SMALL, network()[1]).greedy(problem)
+    schedule = evaluate(problem, found.actions(problem))
+    assert schedule.makespan_s == pytest.approx(found.makespan_s)
+    assert found.complete == schedule.feasible
+    if found.certain:
+        assert schedule.violation is None
+    elif schedule.violation is not None and "not visited" not in schedule.violation:
+        # Somebody was lost from the start, whatever anybody does.
+        assert evaluate(problem, ()).violation == schedule.violation
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(problem=problems())
+def test_experts_of_any_problem_are_reproduced(problem: Problem) -> None:
+    plan = solve(problem, Stop(iterations=2_000), 0).plan
+    if not plan.feasible:
+        return
+    try:
+        told = in_turns(problem, plan.actions)
+    except PlannerError:  # seldom: the UAV that is ready first takes the dock, and the other one cannot hover so long
+        assert any(u.waiting == "hover" for u in problem.uavs)
+        return
+    assert len(told.codes) <= len(plan.actions)
+    if told.feasible:
+        assert evaluate(problem, decode(problem, told.codes)).makespan_s == told.makespan_s
