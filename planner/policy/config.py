@@ -63,6 +63,9 @@ class PaperConfig:
         radius: of edges, as a share of the map's larger side.
         most: the longest sequence of actions.
         uav_edges, ugv_edges: whether there are such edges.
+        named: whether nodes carry their number. The paper's attributes do not tell which task "visit task 3" means:
+            tasks lie anywhere, and attention does not see the order of nodes. Without numbers, the position of a task
+            and the number of its action have nothing to do with one another.
     """
 
     n_tasks: int
@@ -77,6 +80,7 @@ class PaperConfig:
     most: int = 192
     uav_edges: bool = True
     ugv_edges: bool = True
+    named: bool = True
 
     def __post_init__(self) -> None:
         for name in ("n_tasks", "n_points", "n_uavs", "dim", "encoder_layers", "decoder_layers", "most"):

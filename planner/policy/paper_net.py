@@ -1,8 +1,9 @@
 """The paper's networks in torch by equation numbers: heterogeneous graph transformer psi, decoder phi, baseline MLP.
 
 Where the paper leaves something open: edges lead to UAVs and to UGVs as equations (3) and (4) have it, a node's own
-edge is among the intra edges, scores are normalised over each set of edges apart, the first embedding h^0 is z, and the
-sequence begins with a start symbol. ``paper_numpy`` computes the same without torch.
+edge is among the intra edges, scores are normalised over each set of edges apart, the first embedding h^0 is z (and the
+node's number, see ``PaperConfig.named``), and the sequence begins with a start symbol. ``paper_numpy`` computes the
+same without torch.
 """
 
 from __future__ import annotations
@@ -94,6 +95,9 @@ class PaperNet(nn.Module):
             self.layers = nn.ModuleList(GraphLayer(d) for _ in range(config.encoder_layers))
         else:
             self.layers = nn.ModuleList(nn.Linear(d, d) for _ in range(config.encoder_layers))
+        if config.named:
+            n_nodes = config.n_tasks + config.n_points + 1 + config.n_uavs + config.n_ugvs
+            self.name = nn.Embedding(n_nodes, d)
         size = n_actions(config)
         self.action = nn.Embedding(size + 1, d)  # E^a; the last one is the start symbol
         self.place = nn.Embedding(config.most, d)  # E^i
@@ -103,6 +107,8 @@ class PaperNet(nn.Module):
     def encode(self, g: Graphs) -> Tensor:
         """Embeddings H of all nodes, (B, N, d)."""
         h = torch.cat([self.task(g.task), self.point(g.point), self.uav(g.uav), self.ugv(g.ugv)], dim=1)
+        if self.config.named:
+            h = h + self.name.weight
         for layer in self.layers:
             h = layer(h, g) if self.config.graph == "hgt" else fn.relu(layer(h))
         return h

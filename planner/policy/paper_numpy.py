@@ -49,6 +49,8 @@ class PaperModel:
         """Embeddings H of all nodes, (N, d): equations (1) to (5), or the MLP."""
         parts = (("task", g.task), ("point", g.point), ("uav", g.uav), ("ugv", g.ugv))
         h = np.concatenate([self._linear(name, t) for name, t in parts])
+        if self.config.named:
+            h = h + self.w["name.weight"]
         for i in range(self.config.encoder_layers):
             if self.config.graph == "mlp":
                 h = np.maximum(self._linear(f"layers.{i}", h), 0.0)

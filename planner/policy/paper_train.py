@@ -2,7 +2,8 @@
 
 As the paper has it: teacher forcing on the expert's sequences, cross-entropy over the list of actions (equation 12),
 Adam. Beyond it: the rate rises and falls (``train.schedule``), and sequences are taken from all eight orientations of a
-problem (unless switched off), vehicles that are alike renamed by the labels' rule in each.
+problem, vehicles that are alike renamed by the labels' rule in each, and tasks numbered anew each time (unless switched
+off: ``--no-augment``).
 """
 
 from __future__ import annotations
@@ -92,6 +93,28 @@ def sequences(
     return Sequences(Graph(*(np.stack(x) for x in zip(*graphs, strict=True))), rows)
 
 
+def shuffled(data: Sequences, rows: NDArray[np.int64], config: PaperConfig, rng: np.random.Generator) -> Sequences:
+    """Some of the sequences, the tasks of each numbered anew at random: their numbers mean nothing."""
+    m, b = config.n_tasks, len(rows)
+    order = rng.permuted(np.tile(np.arange(m), (b, 1)), axis=1)
+    g = data.graphs
+    rest = np.arange(m, g.intra.shape[1])
+    nodes = np.hstack([order, np.tile(rest, (b, 1))])
+
+    def edges(some: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        turned_rows = np.take_along_axis(some[rows], nodes[:, :, None], axis=1)
+        return np.take_along_axis(turned_rows, nodes[:, None, :], axis=2)
+
+    said = data.said[rows]
+    visits = (said >= 0) & (said < config.n_uavs * m)
+    new = np.take_along_axis(order.argsort(axis=1), np.where(visits, said % m, 0), axis=1)
+    graphs = Graph(
+        np.take_along_axis(g.task[rows], order[:, :, None], axis=1), g.point[rows], g.uav[rows], g.ugv[rows],
+        edges(g.intra), edges(g.uav_edges), edges(g.ugv_edges),
+    )  # fmt: skip
+    return Sequences(graphs, np.where(visits, said - said % m + new, said))
+
+
 def loss_of(net: PaperNet, data: Sequences, rows: NDArray[np.int64], device: torch.device) -> tuple[torch.Tensor, int]:
     """Mean cross-entropy per action, equation (12), and how many actions the largest logit gets right."""
     graphs = Graphs(*(torch.from_numpy(x[rows]).to(device) for x in data.graphs))
@@ -131,14 +154,18 @@ def train(
         while epoch < how.epochs and seconds < how.time_s:
             begun = time.perf_counter()
             net.train()
-            order = np.random.default_rng([how.seed, epoch]).permutation(n)
+            rng = np.random.default_rng([how.seed, epoch])
+            order = rng.permutation(n)
             total, hits, count = 0.0, 0, 0
             for first in range(0, n, how.batch):
                 rows = order[first : first + how.batch]
                 rate = schedule(step, how.epochs * per_epoch, how)
                 for group in adam.param_groups:
                     group["lr"] = rate
-                loss, right = loss_of(net, data, rows, device)
+                some, which = data, rows
+                if how.augment:
+                    some, which = shuffled(data, rows, config, rng), np.arange(len(rows))
+                loss, right = loss_of(net, some, which, device)
                 adam.zero_grad(set_to_none=True)
                 loss.backward()  # type: ignore[no-untyped-call]
                 torch.nn.utils.clip_grad_norm_(net.parameters(), how.clip)
@@ -204,16 +231,24 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--time", type=float, default=math.inf, help="in s")
     parser.add_argument("--dim", type=int, default=128)
     parser.add_argument("--radius", type=float, default=0.5)
-    for name in ("no-augment", "no-uav-edges", "no-ugv-edges"):
+    for name in ("no-augment", "no-uav-edges", "no-ugv-edges", "no-names"):
         parser.add_argument(f"--{name}", action="store_true")
     given = parser.parse_args(arguments)
     one = data_set(given.set)
     first = one.instance(0)
     config = PaperConfig(
         first.n_tasks, len(first.path_points), *one.team, graph=given.graph, dim=given.dim, radius=given.radius,
-        uav_edges=not given.no_uav_edges, ugv_edges=not given.no_ugv_edges,
+        uav_edges=not given.no_uav_edges, ugv_edges=not given.no_ugv_edges, named=not given.no_names,
     )  # fmt: skip
-    how = replace(how, epochs=given.epochs, batch=given.batch, rate=given.rate, seed=given.seed, time_s=given.time)
+    how = replace(
+        how,
+        epochs=given.epochs,
+        batch=given.batch,
+        rate=given.rate,
+        seed=given.seed,
+        time_s=given.time,
+        augment=not given.no_augment,
+    )
     pairs = [(one.instance(x.index), x.actions) for x in read_labels(given.labels, given.set)]
     data = sequences(pairs[: given.count], config, augment=not given.no_augment)
     valid = sequences(pairs[given.count : given.count + given.valid], config, augment=False)
