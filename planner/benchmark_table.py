@@ -146,8 +146,8 @@ def _best_baseline(rows: Sequence[Row], setup: str, teams: Sequence[str], names:
     if not lines:
         return []
     return [
-        f"Search against the best of gls, ts and sa, {setup}, over the instances that both solve (energies: search's",
-        "more or less):",
+        f"Search against the best of gls, ts and sa, {setup}, over the instances that both solve. "
+        "Energies: search's, more or less than theirs.",
         "",
         "| Baselines | Team | Best | Instances | Search is shorter by | It is longer by | UAV energy | UGV energy |",
         "|---|---|---|---:|---:|---:|---:|---:|",
@@ -181,7 +181,6 @@ def plot(rows: Sequence[Row], given: Sequence[Entry], path: Path) -> None:
 
     found = cells(rows)
     names = [e.name for e in given if any(key[1] == e.name for key in found)]
-    colours = plt.get_cmap("tab20")(np.linspace(0, 1, 20))
     figure, panels = plt.subplots(1, len(PRESETS), figsize=(13, 5), layout="constrained")
     width = 0.84 / max(1, len(names))
     for axes, setup in zip(panels, PRESETS, strict=True):
@@ -191,8 +190,7 @@ def plot(rows: Sequence[Row], given: Sequence[Entry], path: Path) -> None:
             x = [t + (i - 0.5 * (len(names) - 1)) * width for t in range(len(teams))]
             heights = [c.means[0] if c is not None else math.nan for c in here]
             errors = [0.0 if c is None or math.isnan(c.errors[0]) else c.errors[0] for c in here]
-            colour = "#111827" if name == "search" else colours[i % 20]
-            axes.bar(x, heights, width, yerr=errors, color=colour, label=name, error_kw={"linewidth": 0.8})
+            axes.bar(x, heights, width, yerr=errors, color=_colour(name), label=name, error_kw={"linewidth": 0.8})
         for method, marker in (("CoPCS", "D"), ("GLS", "o")):
             y = [PAPER[setup, team, method][0] for team in teams]
             label = f"paper: {method}"
@@ -203,3 +201,17 @@ def plot(rows: Sequence[Row], given: Sequence[Entry], path: Path) -> None:
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=8, fontsize=8)
     figure.savefig(path, dpi=90)
     plt.close(figure)
+
+
+def _colour(name: str) -> str:
+    """A hue for each reading of the baselines, a shade for each metaheuristic; dark for ours."""
+    hues = {
+        "": ("#1d4ed8", "#60a5fa", "#bfdbfe"),
+        "15s": ("#c2410c", "#fb923c", "#fed7aa"),
+        "tour": ("#15803d", "#4ade80", "#bbf7d0"),
+        "free": ("#7e22ce", "#c084fc", "#e9d5ff"),
+    }
+    method, _, reading = name.partition("-")
+    if method in ("gls", "ts", "sa") and reading in hues:
+        return hues[reading][("gls", "ts", "sa").index(method)]
+    return {"search": "#111827", "milp": "#a16207"}.get(name, "#6b7280")
