@@ -11,12 +11,7 @@ from planner.kernel import OUT_SIZE, SUMS_SIZE, Ints, Work
 from planner.policy.examples import Example
 from planner.policy.features_kernel import N_PAIR, N_SITE, N_TASK, N_UAV, N_UGV, Indices, Singles
 from planner.policy.replay_kernel import replay
-from planner.policy.state import new_turn
-
-SYMMETRIES = np.array(
-    [[[a, 0], [0, b]] for a in (1, -1) for b in (1, -1)] + [[[0, a], [b, 0]] for a in (1, -1) for b in (1, -1)],
-    dtype=np.float64,
-)  # of the square, (8, 2, 2)
+from planner.policy.state import SYMMETRIES, new_turn
 
 
 class Pool(NamedTuple):

@@ -25,13 +25,12 @@ from planner.order import canonical
 from planner.plan import Action
 from planner.policy import decode_kernel as dk
 from planner.policy import tokens_kernel as tk
-from planner.policy.batches import SYMMETRIES
 from planner.policy.complete_kernel import copy_work
 from planner.policy.config import PlusConfig
 from planner.policy.decode_kernel import Desk
 from planner.policy.features_kernel import fill_view
 from planner.policy.plus_kernel import Weights, logits
-from planner.policy.state import State, clone, new_state
+from planner.policy.state import SYMMETRIES, State, clone, new_state
 from planner.policy.weights import Tensors, plus_weights, read, room
 from planner.problem import Problem
 

@@ -28,10 +28,10 @@ from planner.instances import data_set
 from planner.labels import in_order
 from planner.labels import read as read_labels
 from planner.plan import Action
-from planner.policy.batches import SYMMETRIES
 from planner.policy.config import PaperConfig
 from planner.policy.graph import Graph, graph, index_of, spoken
 from planner.policy.paper_net import Graphs, PaperNet
+from planner.policy.state import SYMMETRIES
 from planner.policy.train import COLUMNS, Training, schedule
 from planner.policy.weights import write
 from planner.problem import Point, Problem

@@ -13,6 +13,11 @@ from planner.policy.features_kernel import N_PAIR, N_SITE, N_TASK, N_UAV, N_UGV,
 from planner.policy.tokens_kernel import DETAILS, Turn
 from planner.problem import Problem
 
+SYMMETRIES = np.array(
+    [[[a, 0], [0, b]] for a in (1, -1) for b in (1, -1)] + [[[0, a], [b, 0]] for a in (1, -1) for b in (1, -1)],
+    dtype=np.float64,
+)  # of the square, (8, 2, 2)
+
 
 class State(NamedTuple):
     """Everything that decoding one problem needs; members as the kernels take them.

@@ -275,7 +275,7 @@ def prepare(cache: Path, sources: Sequence[Source]) -> list[Example]:
     for one in sources:
         files = sorted((one.folder / one.name).glob("*.npz"))
         stamp = f"{len(files)}-{sum(f.stat().st_size for f in files)}"
-        path = cache / f"{one.name}_{one.first}_{one.count}_{one.midway}_{one.seed}_{stamp}.npz"
+        path = cache / f"{one.name}_{one.first}_{one.count}_{one.midway}_{one.steps}_{one.seed}_{stamp}.npz"
         if not path.exists():
             save(path, gather(one), {"data_set": one.name, "first": one.first, "midway": one.midway})
         found += load(path)

@@ -14,16 +14,17 @@ from planner import kernel
 from planner.arrays import decode
 from planner.errors import PlannerError
 from planner.instances import data_set
+from planner.labels import Expert, make
 from planner.midway import midway
 from planner.policy import tokens_kernel as tk
-from planner.policy.batches import SYMMETRIES, batches, pool
+from planner.policy.batches import batches, pool
 from planner.policy.config import PlusConfig
 from planner.policy.decode import Policy
-from planner.policy.examples import Example, example, load, save
+from planner.policy.examples import Example, Source, example, load, save
 from planner.policy.features_kernel import fill_view
 from planner.policy.order import in_turns
 from planner.policy.plus_kernel import logits
-from planner.policy.state import new_state
+from planner.policy.state import SYMMETRIES, new_state
 from planner.policy.weights import plus_weights, read, room, write
 from planner.presets import preset
 from planner.problem import Problem
@@ -33,7 +34,7 @@ from planner.solve import Stop, solve
 torch = pytest.importorskip("torch")
 
 from planner.policy.plus_net import Batch, PlusNet  # noqa: E402
-from planner.policy.train import Trainer, Training, to_tensors  # noqa: E402
+from planner.policy.train import Trainer, Training, prepare, to_tensors  # noqa: E402
 
 SMALL = PlusConfig(dim=32, heads=4, layers=2, hidden=48)
 
@@ -193,6 +194,20 @@ def test_examples_survive_their_file(tmp_path: Path, examples: list[Example]) ->
         assert np.array_equal(a.codes, b.codes)
     first, second = (pool(x, [3] * len(examples)) for x in (examples, load(path)))
     assert all(np.array_equal(x, y) for x, y in zip(first, second, strict=True))
+
+
+def test_labels_and_states_under_way_become_examples(tmp_path: Path) -> None:
+    list(make(tmp_path, ["T15-P5_2-1"], 1, Expert(steps_t15=1_000, sample=50)))
+    source = Source(tmp_path, "T15-P5_2-1", first=3, count=4, midway=1, steps=500)
+    first = prepare(tmp_path / "cache", [source])
+    assert 6 <= len(first) <= 8
+    assert sum(bool(e.world.visited.any()) for e in first) >= 1
+    files = list((tmp_path / "cache").iterdir())
+    assert len(files) == 1
+    before = files[0].stat().st_mtime_ns
+    again = prepare(tmp_path / "cache", [source])
+    assert files[0].stat().st_mtime_ns == before
+    assert [e.makespan_s for e in again] == [e.makespan_s for e in first]
 
 
 def test_symmetries_turn_positions_and_nothing_else(examples: list[Example]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -132,3 +134,8 @@ def test_what_is_told_is_certain_at_every_step() -> None:
         for code in told.codes.tolist():
             tk.apply(s.world, s.work, s.turn, code)
             assert complete(s.world, s.work, s.space, s.turn, hint, s.way) >= 0
+
+
+def test_planning_needs_no_torch() -> None:
+    code = "import sys, planner.policy.decode, planner.policy.paper_decode; assert 'torch' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
