@@ -89,7 +89,7 @@ def draw(rows: list[dict[str, object]], path: Path) -> None:
     tasks = [float(str(r["tasks"])) for r in rows]
 
     def column(name: str) -> list[float]:
-        return [float(str(r[name])) / (3600.0 if name.endswith("_s") else 1e3) for r in rows]
+        return [float(str(r[name])) / (1e3 if name == "steps_per_s" else 60.0) for r in rows]
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 3.8), layout="constrained")
     left.plot(tasks, column("start_s"), "o:", color="#b0b0b0", label="first plan")
@@ -99,10 +99,12 @@ def draw(rows: list[dict[str, object]], path: Path) -> None:
     for row, x, y in zip(rows, tasks, column("makespan_s"), strict=True):
         words = f"{row['uavs']}-{row['ugvs']}\n{float(str(row['time_s'])):g} s"
         left.annotate(words, (x, y), textcoords="offset points", xytext=(0, -24), ha="center", fontsize=7)
-    left.set(xscale="log", yscale="log", xlabel="tasks", ylabel="makespan, h", title="Cost against size")
-    left.legend(fontsize=8)
+    left.set(xscale="log", yscale="log", xlabel="tasks", ylabel="makespan, min", title="Cost against size")
+    left.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0.0, 0.82))
     right.plot(tasks, column("steps_per_s"), "o-", color="#1f5fa8")
     right.set(xscale="log", yscale="log", xlabel="tasks", ylabel="thousand steps a second", title="Speed against size")
+    left.set_yticks(minutes := [15, 30, 60, 120, 240], [f"{m}" for m in minutes])
+    right.set_yticks(thousands := [10, 30, 100, 300, 1000], [f"{k}" for k in thousands])
     for axes in (left, right):
         axes.grid(alpha=0.3, which="both", linewidth=0.5)
         axes.set_xticks(tasks, [f"{t:g}" for t in tasks])
