@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from planner.errors import PlannerError
 from planner.instances import data_set
@@ -17,18 +18,18 @@ from planner.policy.config import PaperConfig
 from planner.policy.graph import POINT, TASK, UAV, UGV, Graph, action_of, graph, index_of, n_actions, spoken
 from planner.policy.paper_decode import PaperPolicy
 from planner.policy.paper_kernel import offer_all, say
+from planner.policy.paper_net import Graphs, PaperNet
 from planner.policy.paper_numpy import PaperModel
+from planner.policy.paper_train import measure, sequences, shuffled, train
 from planner.policy.state import new_state
+from planner.policy.train import Training
 from planner.presets import preset
 from planner.problem import Problem
 from planner.schedule import evaluate
 from planner.solve import Stop, solve
 
-torch = pytest.importorskip("torch")
-
-from planner.policy.paper_net import Graphs, PaperNet  # noqa: E402
-from planner.policy.paper_train import measure, sequences, shuffled, train  # noqa: E402
-from planner.policy.train import Training  # noqa: E402
+# Half a minute of compiling, and nothing that is shipped uses it yet: not in the default suite.
+pytestmark = pytest.mark.slow
 
 CONFIG = PaperConfig(15, 5, 2, 2, dim=32, encoder_layers=2, decoder_layers=2, most=96)
 

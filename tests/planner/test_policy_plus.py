@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings
 from strategies import problems
 
@@ -24,17 +25,17 @@ from planner.policy.examples import Example, Source, example, load, save
 from planner.policy.features_kernel import fill_view
 from planner.policy.order import in_turns
 from planner.policy.plus_kernel import logits
+from planner.policy.plus_net import Batch, PlusNet
 from planner.policy.state import SYMMETRIES, new_state
+from planner.policy.train import Trainer, Training, prepare, to_tensors
 from planner.policy.weights import plus_weights, read, room, write
 from planner.presets import preset
 from planner.problem import Problem
 from planner.schedule import evaluate
 from planner.solve import Stop, solve
 
-torch = pytest.importorskip("torch")
-
-from planner.policy.plus_net import Batch, PlusNet  # noqa: E402
-from planner.policy.train import Trainer, Training, prepare, to_tensors  # noqa: E402
+# Half a minute of compiling, and nothing that is shipped uses it yet: not in the default suite.
+pytestmark = pytest.mark.slow
 
 SMALL = PlusConfig(dim=32, heads=4, layers=2, hidden=48)
 
