@@ -22,6 +22,9 @@ from planner.problem import Problem
 from planner.schedule import evaluate
 from planner.solve import Stop, solve
 
+# Much compiling, and nothing that is shipped uses it yet: not in the default suite.
+pytestmark = pytest.mark.slow
+
 TEAMS = [(1, 1), (2, 1), (2, 2), (4, 2), (3, 1), (6, 3)]
 
 
