@@ -204,7 +204,7 @@ class Crazyflie:
             DriverError: not connected, not for this vehicle, of the wrong kind, or with unusable values.
         """
         self._check(command)
-        sent = self._limited(command)
+        sent = self._limits.limited(command)
         with self._wake:
             if isinstance(sent, StopMotors):
                 self._commands.clear()
@@ -236,19 +236,6 @@ class Crazyflie:
                     raise DriverError(f"{self._id}: there is no dock {dock} on {onto!r}; see the fleet file")
         if not all(map(math.isfinite, numbers)) or getattr(command, "speed_mps", 1.0) <= 0:
             raise DriverError(f"{self._id}: {command} has a number that is not finite or a speed that is not above 0")
-
-    def _limited(self, command: Command) -> Command:
-        most = self._limits
-        match command:
-            case TakeOff(vehicle, altitude, speed):
-                return TakeOff(vehicle, min(altitude, most.altitude_m), min(speed, most.climb_mps))
-            case GoTo(vehicle, (x, y, z), speed):
-                return GoTo(vehicle, (x, y, min(z, most.altitude_m)), min(speed, most.max_speed_mps))
-            case Land(vehicle, speed):
-                return Land(vehicle, min(speed, most.descent_mps))
-            case Dock(vehicle, onto, dock, speed, abort):
-                return Dock(vehicle, onto, dock, min(speed, most.descent_mps), min(abort, most.altitude_m))
-        return command
 
     def self_checks(self) -> Sequence[SelfCheck]:
         """What it shows of itself; nothing before it is connected."""
