@@ -421,12 +421,25 @@ def finish(
 
 
 @jit
+def go(world: World, work: Work, acts: Codes, first: int, n: int, limit_s: float, rows: Floats) -> bool:
+    """``advance``, for whoever has the time to pass tuples."""
+    w = world
+    return advance(w.dist, w.road, w.uavs, w.ugvs, w.uav_on, w.ugv_on, work.node, work.us, work.site, work.gs,
+                   work.docks, work.seen, work.sums, acts, first, n, limit_s, rows)  # fmt: skip
+
+
+@jit
+def total(world: World, work: Work) -> None:
+    """``finish``, likewise."""
+    w = world
+    finish(w.dist, w.near, w.uavs, w.ugvs, w.uav_on, w.ugv_on, work.node, work.us, work.gs, work.sums, work.out)
+
+
+@jit
 def run(world: World, work: Work, acts: Codes, n: int, limit_s: float, rows: Floats) -> bool:
     """Evaluates a plan into ``work.out``; False as soon as a visit ends after ``limit_s`` (then it is not filled)."""
     begin(world, work)
-    w = world
-    if not advance(w.dist, w.road, w.uavs, w.ugvs, w.uav_on, w.ugv_on, work.node, work.us, work.site, work.gs,
-                   work.docks, work.seen, work.sums, acts, 0, n, limit_s, rows):  # fmt: skip
+    if not go(world, work, acts, 0, n, limit_s, rows):
         return False
-    finish(w.dist, w.near, w.uavs, w.ugvs, w.uav_on, w.ugv_on, work.node, work.us, work.gs, work.sums, work.out)
+    total(world, work)
     return True

@@ -35,8 +35,8 @@ from planner.kernel import (
     Floats,
     Work,
     World,
-    advance,
-    finish,
+    go,
+    total,
 )
 from planner.policy.jit import jit
 from planner.policy.tokens_kernel import DETAILS, P_END, Turn, after_visit, rendezvous
@@ -57,15 +57,12 @@ def copy_work(source: Work, to: Work) -> None:
 @jit
 def _take(world: World, w: Work, acts: Codes, n: int, code: int, rows: Floats) -> None:
     acts[n] = code
-    a = world
-    advance(a.dist, a.road, a.uavs, a.ugvs, a.uav_on, a.ugv_on, w.node, w.us, w.site, w.gs, w.docks, w.seen, w.sums,
-            acts, n, n + 1, np.inf, rows)  # fmt: skip
+    go(world, w, acts, n, n + 1, np.inf, rows)
 
 
 @jit
 def _sound(world: World, w: Work) -> bool:
-    a = world
-    finish(a.dist, a.near, a.uavs, a.ugvs, a.uav_on, a.ugv_on, w.node, w.us, w.gs, w.sums, w.out)
+    total(world, w)
     return bool(w.out[kernel.O_CODE] == kernel.OK)
 
 

@@ -71,6 +71,13 @@ class Decoded:
         return canonical(problem, to_actions(problem, self.codes))
 
 
+def cost_of(out: Floats) -> float:
+    """What an evaluated plan (``kernel.Work.out``) is compared by, in s; inf where it is infeasible."""
+    if out[kernel.O_CODE] != kernel.OK:
+        return math.inf
+    return float(out[kernel.O_MAKESPAN] + FLY * out[kernel.O_FLY_S] + DRIVE * out[kernel.O_DRIVE_S])
+
+
 class _Seat:
     """One problem with all room to decode it; not to be shared between threads."""
 
@@ -158,15 +165,14 @@ class _Seat:
                 some[place] = values[place] = NEVER
 
     def result(self, sure: bool) -> Decoded:
-        w, k, r = self.s.world, self.s.work, self.report
-        kernel.finish(w.dist, w.near, w.uavs, w.ugvs, w.uav_on, w.ugv_on, k.node, k.us, k.gs, k.sums, k.out)
-        complete = k.out[kernel.O_CODE] == kernel.OK
-        cost = k.out[kernel.O_MAKESPAN] + FLY * k.out[kernel.O_FLY_S] + DRIVE * k.out[kernel.O_DRIVE_S]
+        k, r = self.s.work, self.report
+        kernel.total(self.s.world, k)
+        cost = cost_of(k.out)
         return Decoded(
             self.s.acts[: int(r[dk.D_ACTIONS])].copy(),
             float(k.out[kernel.O_MAKESPAN]),
-            float(cost) if complete else math.inf,
-            bool(complete),
+            cost,
+            cost < math.inf,
             sure,
             int(r[dk.D_DECISIONS]),
             int(r[dk.D_REFUSED]),

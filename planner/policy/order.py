@@ -62,11 +62,9 @@ def in_turns(problem: Problem, actions: Sequence[Action], state: State | None = 
     n = replay(s.world, s.work, s.turn, s.xy, s.reach, codes, options, order, *none, 0)
     if n < 0:
         raise PlannerError("the plan does something that the decoder is not offered")
-    w, k = s.world, s.work
-    kernel.finish(w.dist, w.near, w.uavs, w.ugvs, w.uav_on, w.ugv_on, k.node, k.us, k.gs, k.sums, k.out)
-    return Told(
-        options[:n], order[:n][order[:n] >= 0], float(k.out[kernel.O_MAKESPAN]), k.out[kernel.O_CODE] == kernel.OK
-    )
+    kernel.total(s.world, s.work)
+    out = s.work.out
+    return Told(options[:n], order[:n][order[:n] >= 0], float(out[kernel.O_MAKESPAN]), out[kernel.O_CODE] == kernel.OK)
 
 
 def _nothing() -> tuple[Singles, Singles, Singles, Singles, Singles, Singles, kernel.Ints, kernel.Ints]:

@@ -18,7 +18,7 @@ from planner.plan import Move, Recharge, Visit
 from planner.policy import tokens_kernel as tk
 from planner.policy.complete_kernel import complete, copy_work
 from planner.policy.config import PaperConfig
-from planner.policy.decode import DRIVE, FLY, Decoded
+from planner.policy.decode import Decoded, cost_of
 from planner.policy.graph import graph, index_of
 from planner.policy.paper_kernel import offer_all, say
 from planner.policy.paper_numpy import PaperModel
@@ -113,13 +113,9 @@ class PaperPolicy:
                 codes.append(code)
                 if code >> kernel.KIND != kernel.MOVE:
                     way.pop(0)
-        w = world
-        kernel.finish(
-            w.dist, w.near, w.uavs, w.ugvs, w.uav_on, w.ugv_on, work.node, work.us, work.gs, work.sums, work.out
-        )
-        fine = work.out[kernel.O_CODE] == kernel.OK
-        cost = work.out[kernel.O_MAKESPAN] + FLY * work.out[kernel.O_FLY_S] + DRIVE * work.out[kernel.O_DRIVE_S]
+        kernel.total(world, work)
+        cost = cost_of(work.out)
         return Decoded(
-            np.array(codes, dtype=np.int64), float(work.out[kernel.O_MAKESPAN]), float(cost) if fine else math.inf,
-            bool(fine), sure, decisions, refused, forced, log_p, doubt,
+            np.array(codes, dtype=np.int64), float(work.out[kernel.O_MAKESPAN]), cost, cost < math.inf, sure,
+            decisions, refused, forced, log_p, doubt,
         )  # fmt: skip

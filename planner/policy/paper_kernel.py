@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.kernel import EPS_J, KIND, MASK, MOVE, RECHARGE, VEHICLE, VISIT, Flags, Work, World, advance
+from planner.kernel import EPS_J, KIND, MASK, MOVE, RECHARGE, VEHICLE, VISIT, Flags, Work, World, go
 from planner.policy.jit import jit
 from planner.policy.tokens_kernel import MEETS_IN_ROW, Turn, after_visit, rendezvous
 
@@ -58,8 +58,6 @@ def say(world: World, work: Work, turn: Turn, moved: Flags, index: int) -> int:
         code = RECHARGE << KIND | u << VEHICLE | (index - recharges) % n_ugvs
         turn.row[u] += 1
         moved[code & MASK] = 0
-    w = world
     turn.code[0] = code
-    advance(w.dist, w.road, w.uavs, w.ugvs, w.uav_on, w.ugv_on, work.node, work.us, work.site, work.gs, work.docks,
-            work.seen, work.sums, turn.code, 0, 1, np.inf, turn.rows)  # fmt: skip
+    go(world, work, turn.code, 0, 1, np.inf, turn.rows)
     return int(code)

@@ -51,8 +51,8 @@ from planner.kernel import (
     Ints,
     Work,
     World,
-    advance,
     begin,
+    go,
 )
 from planner.policy.jit import jit
 
@@ -108,10 +108,8 @@ def acting(work: Work, turn: Turn) -> int:
 @jit
 def apply(world: World, work: Work, turn: Turn, code: int) -> None:
     """Takes one visit or meeting."""
-    w = world
     turn.code[0] = code
-    advance(w.dist, w.road, w.uavs, w.ugvs, w.uav_on, w.ugv_on, work.node, work.us, work.site, work.gs, work.docks,
-            work.seen, work.sums, turn.code, 0, 1, np.inf, turn.rows)  # fmt: skip
+    go(world, work, turn.code, 0, 1, np.inf, turn.rows)
     u = code >> VEHICLE & MASK
     turn.row[u] = 0 if code >> KIND == VISIT else turn.row[u] + 1
 

@@ -68,20 +68,12 @@ def test_evaluation_goes_on_from_a_mark(problem: Problem, seed: int, extra: int)
         kernel.begin(w, work)
         at = k * search_kernel.EVERY
 
-        def advance(first: int, last: int) -> bool:
-            return kernel.advance(
-                w.dist, w.road, w.uavs, w.ugvs, w.uav_on, w.ugv_on, work.node, work.us, work.site, work.gs, work.docks,
-                work.seen, work.sums, codes, first, last, np.inf, ROWS,
-            )  # fmt: skip
-
-        advance(0, at)
+        kernel.go(w, work, codes, 0, at, np.inf, ROWS)
         search_kernel.keep(k, *marks, *state)
-        advance(at, n)  # away from the mark, and back
+        kernel.go(w, work, codes, at, n, np.inf, ROWS)  # away from the mark, and back
         search_kernel.back(k, *marks, *state)
-        advance(at, n)
-        kernel.finish(
-            w.dist, w.near, w.uavs, w.ugvs, w.uav_on, w.ugv_on, work.node, work.us, work.gs, work.sums, work.out
-        )
+        kernel.go(w, work, codes, at, n, np.inf, ROWS)
+        kernel.total(w, work)
         np.testing.assert_array_equal(work.out, whole)
 
 
