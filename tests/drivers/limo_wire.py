@@ -58,7 +58,7 @@ class Process:
         return time.monotonic() - start_s
 
 
-def start(*arguments: str, timeout_s: float = 20.0, parent: int | None = None, domain: int = DOMAIN) -> Process:
+def start(*arguments: str, timeout_s: float = 60.0, parent: int | None = None, domain: int = DOMAIN) -> Process:
     """Starts a node and waits until it says that it is ready."""
     command = [sys.executable, "-m", "sim_backends.wire.limo_node", *arguments]
     command += ["--domain", str(domain), "--parent", str(parent or os.getpid())]
@@ -70,7 +70,7 @@ def start(*arguments: str, timeout_s: float = 20.0, parent: int | None = None, d
     return Process(popen, popen.stdout.readline().strip())
 
 
-def until(condition: Callable[[], bool], timeout_s: float = 10.0, what: str = "it did not happen in time") -> float:
+def until(condition: Callable[[], bool], timeout_s: float = 20.0, what: str = "it did not happen in time") -> float:
     """Waits for a condition; returns how long that took, s."""
     start_s = time.monotonic()
     while not condition():
