@@ -157,7 +157,7 @@ class _Parked:
 def ready(lab: Lab) -> Harness:
     harness = lab.harness()
     harness.connect()
-    harness.wait_for(lambda: verdicts(lab)["estimator"] in ("pass", "warn"), 15.0)
+    harness.wait_for(lambda: verdicts(lab)["estimator"] in ("pass", "warn"), 30.0)
     return harness
 
 

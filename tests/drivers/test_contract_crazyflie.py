@@ -34,9 +34,9 @@ class Labs:
         if state.link and not state.locked and not state.charging:
             if state.airborne:
                 harness.vehicles["uav0"].send(Land("uav0", 0.7))
-            harness.wait_for(lambda: not harness.state("uav0").airborne, 20.0)
+            harness.wait_for(lambda: not harness.state("uav0").airborne, 40.0)
             harness.vehicles["uav0"].send(Disarm("uav0"))
-            harness.wait_for(lambda: not harness.state("uav0").armed, 5.0)
+            harness.wait_for(lambda: not harness.state("uav0").armed, 20.0)
             if harness.pose("uav0").position_m[2] < 0.1:  # not on the UGV
                 return
         if state.link:
@@ -65,7 +65,7 @@ def harness(labs: Labs, variant: str) -> Iterator[Harness]:
     lab = labs.get(variant)
     made = lab.harness()
     made.connect()
-    made.wait_for(lambda: any(c.name == "estimator" and c.verdict == "pass" for c in lab.uav.self_checks()), 10.0)
+    made.wait_for(lambda: any(c.name == "estimator" and c.verdict == "pass" for c in lab.uav.self_checks()), 30.0)
     yield made
     lab.poses.connect(0.0)
     labs.give_back(variant, made)

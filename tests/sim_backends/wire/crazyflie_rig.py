@@ -44,7 +44,7 @@ class Server:
 
     def stop(self) -> None:
         self.process.terminate()
-        self.process.wait(5.0)
+        self.process.wait(20.0)
 
     @contextlib.contextmanager
     def connected(self, *, feed: bool = True) -> Iterator[SyncCrazyflie]:
@@ -69,11 +69,15 @@ class Server:
     def fault(self, **changes: object) -> None:
         self.world.modify(0, replace(Modifiers(swap=0), **changes))  # type: ignore[arg-type]
 
+        for _ in range(2):  # the turn under way may have looked before
+            turn_s = self.world.body(0).time_s
+            until(lambda before_s=turn_s: self.world.body(0).time_s != before_s)
+
     def height(self) -> float:
         return float(self.world.body(0).position_m[2])
 
 
-def until(condition: Callable[[], bool], seconds: float, what: str = "") -> None:
+def until(condition: Callable[[], bool], what: str = "", seconds: float = 30.0) -> None:
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, f"did not happen in time: {what}"

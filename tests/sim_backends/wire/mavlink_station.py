@@ -40,6 +40,7 @@ class Station:
         self.vehicle: tuple[str, int] | None = None
         self.beats = True
         self.stream: Callable[[], Any] | None = None
+        self.streamed_s = 0.0
         self._next_beat_s = self._next_stream_s = 0.0
 
     @property
@@ -59,6 +60,7 @@ class Station:
             self.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
         if self.peer is not None and self.stream is not None and now_s >= self._next_stream_s:
             self._next_stream_s = now_s + 0.05
+            self.streamed_s = now_s
             found = self.stream()
             for message in found if isinstance(found, list) else [found]:
                 self.send(message)
@@ -78,13 +80,12 @@ class Station:
         while time.monotonic() < end_s:
             self.turn()
 
-    def until(self, condition: Callable[[], Any], seconds: float = 10.0) -> float:
-        """Pumps until it holds; the time that took."""
+    def until(self, condition: Callable[[], Any], seconds: float = 30.0) -> None:
+        """Pumps until it holds."""
         start_s = time.monotonic()
         while not condition():
             assert time.monotonic() - start_s < seconds, f"it did not happen; {self.texts[-5:]}"
             self.turn()
-        return time.monotonic() - start_s
 
     @property
     def texts(self) -> list[str]:
@@ -114,8 +115,15 @@ class Station:
         self.send(mavlink.MAVLink_command_long_message(1, 1, command, confirmation, *full))
         if not wait:
             return -1
-        self.until(lambda: any(a.command == command for a in self.all["COMMAND_ACK"][n:]), 10.0)
+        self.until(lambda: any(a.command == command for a in self.all["COMMAND_ACK"][n:]))
         return int(next(a for a in self.all["COMMAND_ACK"][n:] if a.command == command).result)
+
+    def insist(self, command: int, *p: float) -> None:
+        """The command again and again until it is accepted."""
+        end_s = time.monotonic() + 30.0
+        while self.command(command, *p) != 0:
+            assert time.monotonic() < end_s, f"it is refused; {self.texts[-5:]}"
+            self.pump(0.1)
 
     def velocity(self, n: float, e: float, d: float) -> Any:
         return mavlink.MAVLink_set_position_target_local_ned_message(
@@ -141,7 +149,7 @@ def process(*arguments: str) -> Iterator[subprocess.Popen[str]]:
         assert child.stdout is not None
         selector = selectors.DefaultSelector()
         selector.register(child.stdout, selectors.EVENT_READ)
-        assert selector.select(20.0), "the vehicle did not get ready"
+        assert selector.select(60.0), "the vehicle did not get ready"
         line = child.stdout.readline()
         assert line.startswith("ready "), line
         child.ready = line  # type: ignore[attr-defined]
@@ -149,7 +157,7 @@ def process(*arguments: str) -> Iterator[subprocess.Popen[str]]:
     finally:
         child.terminate()
         try:
-            child.wait(2.0)
+            child.wait(10.0)
         finally:
             child.kill()
 

@@ -50,7 +50,7 @@ def world_server(folder: Path, *arguments: str, port: int = 0) -> Server:
     return Server("--world", str(folder), *arguments, port=port)
 
 
-def wait_for(condition: Callable[[], object], deadline_s: float = 10.0) -> None:
+def wait_for(condition: Callable[[], object], deadline_s: float = 20.0) -> None:
     """Waits until something holds."""
     end_s = time.monotonic() + deadline_s
     while not condition():

@@ -23,7 +23,7 @@ from sim_backends.world import SimUav, SimUgv, WorldConfig
 CONFIG = WorldConfig(uavs=(SimUav("u0", "a"), SimUav("u1", "b", (1.0, 0.0))), ugvs=(SimUgv("g0", "c", (3.0, 0.0)),))
 
 
-def wait_for(condition: Callable[[], object], deadline_s: float = 10.0) -> None:
+def wait_for(condition: Callable[[], object], deadline_s: float = 20.0) -> None:
     end_s = time.monotonic() + deadline_s
     while not condition():
         assert time.monotonic() < end_s
@@ -95,7 +95,7 @@ def test_a_vehicle_that_is_not_there_is_named() -> None:
 @pytest.fixture
 def simulation() -> Iterator[WireSimulation]:
     faults = [
-        Fault(FaultKind.UGV_STALL, "g0", at_s=0.3, duration_s=0.4),
+        Fault(FaultKind.UGV_STALL, "g0", at_s=0.3, duration_s=1.5),
         Fault(FaultKind.PLANNER_SLOW, at_s=0.0, value=2.0),
     ]
     running = launch(CONFIG, faults, (), mocap=False)
@@ -110,11 +110,12 @@ def test_faults_come_and_go_after_the_first_motion(simulation: WireSimulation) -
     assert world.modifiers(2).slow == 1.0, "nobody has moved yet"
     assert simulation.planner_delay_s() == 0.0
     world.start()
-    started_s = time.monotonic()
+    started_s = world.started_s
+    assert started_s is not None
     wait_for(lambda: world.modifiers(2).slow == 0.0)
-    assert 0.25 < time.monotonic() - started_s < 1.5
+    assert time.monotonic() - started_s > 0.3
     wait_for(lambda: world.modifiers(2).slow == 1.0)
-    assert time.monotonic() - started_s > 0.65
+    assert time.monotonic() - started_s > 1.8
     assert simulation.planner_delay_s() == 2.0
 
 
@@ -151,7 +152,7 @@ def test_an_endpoint_that_is_not_ready_in_time_ends_the_wait(simulation: WireSim
     begun_s = time.monotonic()
     simulation.close()
     simulation.close()
-    assert time.monotonic() - begun_s < 5.0
+    assert time.monotonic() - begun_s < 10.0
     assert simulation.process("u0").poll() is not None
 
 
@@ -172,5 +173,5 @@ def test_everybody_ends_when_the_program_is_killed() -> None:
         program.send_signal(signal.SIGKILL)
         program.wait()
     assert len(children) == 2
-    wait_for(lambda: not any(psutil.pid_exists(pid) for pid in children), 8.0)
+    wait_for(lambda: not any(psutil.pid_exists(pid) for pid in children))
     assert not Path(folder).exists()
