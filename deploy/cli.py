@@ -1,4 +1,4 @@
-"""The command line: ``copcs-deploy run | check | plan | simulate | replay | report``."""
+"""The command line: ``copcs-deploy run | check | plan | simulate | replay | report | benchmark | train``."""
 
 from __future__ import annotations
 
@@ -231,6 +231,15 @@ def benchmark(
     return command(
         is_quick=quick, out=out, rows=rows, sets=sets, instances=instances, jobs=jobs, as_json=as_json, table=table
     )
+
+
+@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []})
+@guarded
+def train(context: typer.Context) -> int:
+    """Train the planning network (copcs); resumable. Its options: train --help. Needs PyTorch."""
+    from deploy.cli_train import train as command  # noqa: PLC0415
+
+    return command(context.args)
 
 
 def main() -> None:

@@ -125,4 +125,6 @@ def _show(task: _Task, made: Plan, plan_file: Path | None, picture: Path | None)
         ("plan file", str(plan_file)),
         ("picture", str(picture)),
     ]
+    if made.note is not None:
+        rows.insert(-2, ("note", made.note))
     show_rows(rows)

@@ -75,6 +75,7 @@ def plan_from_json(data: Mapping[str, Any]) -> Plan:
             method=data["method"],
             planning_s=data["planning_s"],
             lower_bound_s=data["lower_bound_s"],
+            note=data.get("note"),
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise PlannerError(f"not a plan with its schedule: {error!r}") from error

@@ -101,13 +101,14 @@ class Schedule:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A list of joint actions with its schedule and how it was made."""
+    """A list of joint actions with its schedule and how it was made; ``note`` is what a user should know of that."""
 
     actions: tuple[Action, ...]
     schedule: Schedule
     method: str
     planning_s: float | None = None
     lower_bound_s: float | None = None
+    note: str | None = None
 
     @property
     def feasible(self) -> bool:
@@ -153,6 +154,7 @@ class Plan:
             "feasible": s.feasible,
             "violation": s.violation,
             "method": self.method,
+            "note": self.note,
             "schedule": rows,
             "recovery": [_finite(asdict(r)) for r in s.recovery],
         }

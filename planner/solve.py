@@ -76,11 +76,15 @@ class Method(Protocol):
         ...
 
 
-METHODS = ("search", "milp", "gls", "ts", "sa")
+METHODS = ("copcs", "search", "milp", "gls", "ts", "sa")
 
 
 def _method(name: str) -> Method:
     # Methods are imported when first asked for: some will be slow to import.
+    if name == "copcs":
+        from planner.copcs import copcs  # noqa: PLC0415
+
+        return copcs
     if name == "search":
         from planner.search import search  # noqa: PLC0415
 

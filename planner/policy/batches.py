@@ -141,8 +141,8 @@ def steps_of(examples: Sequence[Example], size: int) -> int:
 
 
 def batches(
-    examples: Sequence[Example], size: int, rng: np.random.Generator, *, augment: bool = True
-) -> Iterator[Pool]:
+    examples: Sequence[Example], size: int, rng: np.random.Generator, *, augment: bool = True, parts: int = 1
+) -> Iterator[list[Pool]]:
     """One pass through ``examples`` in random order, as batches of about ``size`` decisions.
 
     Args:
@@ -150,6 +150,7 @@ def batches(
         size: decisions in a batch.
         rng: for the order and the symmetries.
         augment: whether each plan is turned and mirrored at random.
+        parts: each batch comes in so many, each of graphs of about one size: next to nothing of them is padding.
     """
     order = rng.permutation(len(examples))
     together = _together(examples, size)
@@ -158,6 +159,12 @@ def batches(
         turns = rng.integers(0, 8, len(chosen)).tolist() if augment else [0] * len(chosen)
         some = pool(chosen, turns)
         rows = rng.permutation(len(some.option)).astype(np.int32)
-        for part in np.array_split(rows, max(1, round(len(rows) / size))):
-            if len(part):
-                yield some.take(np.sort(part))
+        count = max(1, round(len(rows) / size))
+        if parts == 1:
+            pieces = [np.sort(part) for part in np.array_split(rows, count)]
+        else:
+            nodes = some.counts[rows, :4].sum(axis=1)
+            pieces = np.array_split(rows[np.argsort(nodes, kind="stable")], count * parts)
+        mixed = rng.permutation(len(pieces)).reshape(count, -1)
+        for batch in mixed.tolist():
+            yield [some.take(pieces[k]) for k in batch if len(pieces[k])]

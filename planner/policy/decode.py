@@ -28,6 +28,7 @@ from planner.policy import tokens_kernel as tk
 from planner.policy.complete_kernel import copy_work
 from planner.policy.config import PlusConfig
 from planner.policy.decode_kernel import Desk
+from planner.policy.domain import Domain
 from planner.policy.features_kernel import fill_view
 from planner.policy.plus_kernel import Weights, logits
 from planner.policy.state import SYMMETRIES, State, clone, new_state
@@ -222,14 +223,15 @@ class _Node:
 class Policy:
     """Network ``plus`` with its weights, ready to plan. Threads may share it."""
 
-    def __init__(self, config: PlusConfig, tensors: Tensors) -> None:
-        """Takes the weights as ``state_dict`` names them.
+    def __init__(self, config: PlusConfig, tensors: Tensors, domain: Domain | None = None) -> None:
+        """Takes the weights as ``state_dict`` names them, and what was seen in training.
 
         Raises:
-            PlannerError: where they do not fit ``config``.
+            PlannerError: where the weights do not fit ``config``.
         """
         self.config = config
         self.weights: Weights = plus_weights(config, tensors)
+        self.domain = domain
 
     @classmethod
     def load(cls, path: Path, sha256: str | None = None) -> Policy:
@@ -238,10 +240,32 @@ class Policy:
         Raises:
             PlannerError: where it is missing, damaged, or no network ``plus``.
         """
-        config, tensors, _ = read(path, sha256)
+        config, tensors, about = read(path, sha256)
         if not isinstance(config, PlusConfig):
             raise PlannerError(f"{path}: this is no network plus")
-        return cls(config, tensors)
+        try:
+            return cls(config, tensors, Domain.from_json(about["domain"]) if "domain" in about else None)
+        except PlannerError as error:
+            raise PlannerError(f"{path}: {error}") from error
+
+    def outside(
+        self, problem: Problem, *, exclude_uavs: Collection[int] = (), exclude_ugvs: Collection[int] = ()
+    ) -> str | None:
+        """In which respect the problem is unlike what the network was trained on, in words; None where it is like it.
+
+        Raises:
+            PlannerError: when an excluded vehicle does not exist.
+        """
+        if self.domain is None:
+            return None
+        s = new_state(problem, exclude_uavs, exclude_ugvs)
+        tk.start(s.world, s.work, s.turn)
+        u = tk.acting(s.work, s.turn)
+        if u < 0:
+            return None
+        tk.offer(s.world, s.work, s.turn, u)
+        fill_view(s.world, s.work, s.turn, u, s.xy, s.reach, s.view)
+        return self.domain.outside(s.view)
 
     def greedy(
         self,

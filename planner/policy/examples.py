@@ -136,7 +136,7 @@ def save(path: Path, examples: Iterable[Example], about: Mapping[str, Any]) -> i
     members: dict[str, Any] = {name: np.concatenate(parts) if parts else np.zeros(0) for name, parts in flat.items()}
     np.savez(
         part,
-        shapes=np.array(shapes, np.int32).reshape(len(shapes), -1),
+        shapes=np.array(shapes, np.int32).reshape(len(shapes), 2 * len(NAMES)),
         steps=np.array(steps, np.int32),
         makespan_s=np.array(spans),
         about=np.array(json.dumps({"format": FORMAT, **about})),

@@ -1,26 +1,24 @@
 """Trains the paper's network or its MLP baseline: ``python -m planner.policy.paper_train``.
 
 As the paper has it: teacher forcing on the expert's sequences, cross-entropy over the list of actions (equation 12),
-Adam. Beyond it: the rate rises and falls (``train.schedule``), and sequences are taken from all eight orientations of a
-problem, vehicles that are alike renamed by the labels' rule in each, and tasks numbered anew each time (unless switched
-off: ``--no-augment``).
+Adam. Beyond it: the rate rises and falls (``training.schedule``), and sequences are taken from all eight orientations
+of a problem, vehicles that are alike renamed by the labels' rule in each, and tasks numbered anew each time (unless
+switched off: ``--no-augment``).
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import rich.progress
 import torch
 from numpy.typing import NDArray
-from rich.progress import Progress
 from torch.nn import functional as fn
 
 from planner.errors import PlannerError
@@ -32,11 +30,8 @@ from planner.policy.config import PaperConfig
 from planner.policy.graph import Graph, graph, index_of, spoken
 from planner.policy.paper_net import Graphs, PaperNet
 from planner.policy.state import SYMMETRIES
-from planner.policy.train import COLUMNS, Training, schedule
-from planner.policy.weights import write
+from planner.policy.training import COLUMNS, Progress, Training
 from planner.problem import Point, Problem
-
-FORMAT = "copcs-paper-checkpoint/1"
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,69 +130,37 @@ def train(
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     torch.manual_seed(how.seed)
     net = PaperNet(config).to(device)
-    adam = torch.optim.Adam(net.parameters(), lr=how.rate)
-    epoch, step, seconds = 0, 0, 0.0
-    best = math.inf
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / "checkpoint.pt"
-    if path.exists():
-        saved = torch.load(path, map_location=device, weights_only=True)
-        if saved.get("format") != FORMAT or saved["config"] != config.to_json():
-            raise PlannerError(f"{path}: the checkpoint is of another network; give another folder, or remove it")
-        net.load_state_dict(saved["net"])
-        adam.load_state_dict(saved["adam"])
-        epoch, step, seconds, best = saved["epoch"], saved["step"], saved["seconds"], saved["best"]
+    at = Progress(folder, config, how, net, torch.optim.Adam(net.parameters(), lr=how.rate))
     n = len(data.said)
-    per_epoch = -(-n // how.batch)
-    with Progress(disable=quiet) as bar:
-        task = bar.add_task("training", total=how.epochs * per_epoch, completed=step)
-        while epoch < how.epochs and seconds < how.time_s:
+    steps = how.epochs * -(-n // how.batch)
+    with rich.progress.Progress(disable=quiet) as bar:
+        task = bar.add_task("training", total=steps, completed=at.step)
+        while at.epoch < how.epochs and at.seconds < how.time_s:
             begun = time.perf_counter()
             net.train()
-            rng = np.random.default_rng([how.seed, epoch])
+            rng = np.random.default_rng([how.seed, at.epoch])
             order = rng.permutation(n)
             total, hits, count = 0.0, 0, 0
             for first in range(0, n, how.batch):
                 rows = order[first : first + how.batch]
-                rate = schedule(step, how.epochs * per_epoch, how)
-                for group in adam.param_groups:
-                    group["lr"] = rate
+                rate = at.rate(steps)
                 some, which = data, rows
                 if how.augment:
                     some, which = shuffled(data, rows, config, rng), np.arange(len(rows))
                 loss, right = loss_of(net, some, which, device)
-                adam.zero_grad(set_to_none=True)
+                at.adam.zero_grad(set_to_none=True)
                 loss.backward()  # type: ignore[no-untyped-call]
                 torch.nn.utils.clip_grad_norm_(net.parameters(), how.clip)
-                adam.step()
+                at.adam.step()
                 size = int((data.said[rows] >= 0).sum())
-                total, hits, count, step = total + float(loss.detach()) * size, hits + right, count + size, step + 1
-                bar.update(task, completed=step, description=f"loss {total / count:.3f}")
-            epoch += 1
-            seconds += time.perf_counter() - begun
+                total, hits, count = total + float(loss.detach()) * size, hits + right, count + size
+                at.step += 1
+                bar.update(task, completed=at.step, description=f"loss {total / count:.3f}")
+            at.epoch += 1
+            at.seconds += time.perf_counter() - begun
             loss_v, right_v = measure(net, valid, how.batch, device)
-            values = (epoch, step, round(seconds, 1), rate, total / count, hits / count, loss_v, right_v)
-            row = dict(zip(COLUMNS, values, strict=True))
-            about = {"training": {k: v for k, v in asdict(how).items() if k != "time_s"}, **row}
-            tensors: dict[str, Any] = {k: v.detach().cpu().numpy() for k, v in net.state_dict().items()}
-            write(folder / "last.safetensors", config, tensors, about)
-            if loss_v <= best:
-                best = loss_v
-                write(folder / "best.safetensors", config, tensors, about)
-            part = folder / "checkpoint.part"
-            torch.save(
-                {"format": FORMAT, "config": config.to_json(), "net": net.state_dict(), "adam": adam.state_dict(),
-                 "epoch": epoch, "step": step, "seconds": seconds, "best": best},
-                part,
-            )  # fmt: skip
-            part.replace(path)
-            curve = folder / "curve.csv"
-            new = not curve.exists()
-            with curve.open("a", newline="") as file:
-                writer = csv.DictWriter(file, COLUMNS)
-                if new:
-                    writer.writeheader()
-                writer.writerow(row)
+            values = (at.epoch, at.step, round(at.seconds, 1), rate, total / count, hits / count, loss_v, right_v)
+            at.save(dict(zip(COLUMNS, values, strict=True)), loss_v, {})
     return net
 
 

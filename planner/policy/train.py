@@ -9,77 +9,46 @@ not at all after every epoch, and a run goes on from it: same seed, same order o
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 import os
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, replace
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import rich.progress
 import torch
-from rich.progress import Progress
 from torch import distributed
 from torch.nn import functional as fn
 from torch.nn.parallel import DistributedDataParallel
 
 from planner.errors import PlannerError
-from planner.policy.batches import Pool, batches, steps_of
+from planner.instances import DATA_SETS
+from planner.labels import FOLDER
+from planner.policy.batches import Pool, batches, pool, steps_of
 from planner.policy.config import PlusConfig
+from planner.policy.domain import Domain
 from planner.policy.examples import Example, Source, gather, load, save
 from planner.policy.plus_net import Batch, PlusNet
-from planner.policy.weights import write
+from planner.policy.training import COLUMNS, Progress, Training
 
-FORMAT = "copcs-checkpoint/1"
-COLUMNS = ("epoch", "steps", "seconds", "rate", "train_loss", "train_right", "valid_loss", "valid_right")
-
-
-@dataclass(frozen=True, slots=True)
-class Training:
-    """How to train.
-
-    Attributes:
-        epochs: passes through the data.
-        batch: decisions per step and process.
-        rate: the highest learning rate.
-        warm_up: share of all steps in which the rate rises.
-        last: the last rate as a share of the highest.
-        decay: weight decay.
-        clip: norm to which gradients are cut.
-        smooth: label smoothing over what is offered.
-        augment: whether plans are turned and mirrored.
-        seed: of weights, order and symmetries.
-        time_s: no epoch is begun after that, in all runs together.
-    """
-
-    epochs: int = 40
-    batch: int = 512
-    rate: float = 1e-3
-    warm_up: float = 0.05
-    last: float = 0.02
-    decay: float = 0.01
-    clip: float = 1.0
-    smooth: float = 0.0
-    augment: bool = True
-    seed: int = 0
-    time_s: float = math.inf
-
-    def __post_init__(self) -> None:
-        for name in ("epochs", "batch", "rate", "clip", "time_s"):
-            if not getattr(self, name) > 0:
-                raise PlannerError(f"training: {name} is {getattr(self, name)!r}; give a number above 0")
-
-
-def schedule(step: int, steps: int, how: Training) -> float:
-    """Learning rate at ``step`` of ``steps``: linear up, then half a cosine down."""
-    up = max(1, round(how.warm_up * steps))
-    if step < up:
-        return how.rate * (step + 1) / up
-    share = min(1.0, (step - up) / max(1, steps - up))
-    return how.rate * (how.last + (1.0 - how.last) * 0.5 * (1.0 + math.cos(math.pi * share)))
+HELP = {
+    "epochs": "passes through the data",
+    "batch": "decisions per step",
+    "parts": "a batch is gone through in so many parts of graphs of about one size",
+    "seed": "of weights, order and symmetries",
+    "rate": "highest learning rate",
+    "smooth": "label smoothing",
+    "decay": "weight decay",
+    "dim": "width of the network",
+    "heads": "attention heads",
+    "layers": "layers",
+    "hidden": "width inside a layer's feed-forward part",
+}
+SEEN = 2_000  # plans from which it is told what a network has seen
 
 
 def to_tensors(pool: Pool, device: torch.device) -> tuple[Batch, torch.Tensor]:
@@ -100,7 +69,7 @@ def loss_of(logits: torch.Tensor, option: torch.Tensor, smooth: float = 0.0) -> 
     return loss
 
 
-def _ahead(source: Iterator[Pool]) -> Iterator[Pool]:
+def _ahead(source: Iterator[list[Pool]]) -> Iterator[list[Pool]]:
     """The same batches, the next one made in another thread meanwhile."""
     with ThreadPoolExecutor(1) as pool:
         coming = pool.submit(next, source, None)
@@ -114,17 +83,18 @@ def measure(net: torch.nn.Module, examples: Sequence[Example], batch: int, devic
     net.eval()
     total, right, n = 0.0, 0, 0
     with torch.inference_mode():
-        for pool in batches(examples, batch, np.random.default_rng(0), augment=False):
-            inputs, option = to_tensors(pool, device)
-            logits = net(inputs)
-            total += float(loss_of(logits, option)) * len(option)
-            right += int((logits.argmax(-1) == option).sum())
-            n += len(option)
+        for some in batches(examples, batch, np.random.default_rng(0), augment=False, parts=Training().parts):
+            for one in some:
+                inputs, option = to_tensors(one, device)
+                logits = net(inputs)
+                total += float(loss_of(logits, option)) * len(option)
+                right += int((logits.argmax(-1) == option).sum())
+                n += len(option)
     return total / max(1, n), right / max(1, n)
 
 
 class Trainer:
-    """Network, optimiser and progress of one training run; ``folder`` holds checkpoint, curve and weights."""
+    """One training run of network ``plus``."""
 
     def __init__(self, folder: Path, config: PlusConfig, how: Training, device: torch.device | None = None) -> None:
         """Goes on from ``folder``'s checkpoint where there is one.
@@ -132,72 +102,25 @@ class Trainer:
         Raises:
             PlannerError: where that is of another network, or cannot be read.
         """
-        self.folder, self.config, self.how = folder, config, how
+        self.how = how
         self.rank = distributed.get_rank() if distributed.is_initialized() else 0
         self.world = distributed.get_world_size() if distributed.is_initialized() else 1
         self.device = device or torch.device("cuda" if torch.cuda.is_available() else "cpu")
         torch.manual_seed(how.seed)
         self.net = PlusNet(config).to(self.device)
-        self.adam = torch.optim.AdamW(self.net.parameters(), lr=how.rate, weight_decay=how.decay, betas=(0.9, 0.98))
-        self.epoch, self.step, self.seconds = 0, 0, 0.0
-        self.best = math.inf
-        folder.mkdir(parents=True, exist_ok=True)
-        if (folder / "checkpoint.pt").exists():
-            self._resume()
+        adam = torch.optim.AdamW(self.net.parameters(), lr=how.rate, weight_decay=how.decay, betas=(0.9, 0.98))
+        self.at = Progress(folder, config, how, self.net, adam)
 
-    def _resume(self) -> None:
-        path = self.folder / "checkpoint.pt"
-        try:
-            data = torch.load(path, map_location=self.device, weights_only=True)
-        except Exception as error:
-            raise PlannerError(f"{path}: the checkpoint cannot be read: {error}; remove it to start anew") from error
-        if data.get("format") != FORMAT or data["config"] != self.config.to_json():
-            raise PlannerError(f"{path}: the checkpoint is of another network; give another folder, or remove it")
-        self.net.load_state_dict(data["net"])
-        self.adam.load_state_dict(data["adam"])
-        self.epoch, self.step, self.seconds, self.best = data["epoch"], data["step"], data["seconds"], data["best"]
-
-    def save(self, row: dict[str, float], valid: float) -> None:
-        """Writes checkpoint, curve and weights; only the first process does."""
-        if self.rank:
-            return
-        part = self.folder / "checkpoint.part"
-        torch.save(
-            {
-                "format": FORMAT,
-                "config": self.config.to_json(),
-                "net": self.net.state_dict(),
-                "adam": self.adam.state_dict(),
-                "epoch": self.epoch,
-                "step": self.step,
-                "seconds": self.seconds,
-                "best": min(self.best, valid),
-            },
-            part,
-        )
-        part.replace(self.folder / "checkpoint.pt")
-        curve = self.folder / "curve.csv"
-        new = not curve.exists()
-        with curve.open("a", newline="") as file:
-            writer = csv.DictWriter(file, COLUMNS)
-            if new:
-                writer.writeheader()
-            writer.writerow(row)
-        about = {"training": _plain(self.how), **row}
-        write(self.folder / "last.safetensors", self.config, self.tensors(), about)
-        if valid <= self.best:
-            write(self.folder / "best.safetensors", self.config, self.tensors(), about)
-        self.best = min(self.best, valid)
-
-    def tensors(self) -> dict[str, Any]:
-        """The weights as arrays."""
-        return {k: v.detach().cpu().numpy() for k, v in self.net.state_dict().items()}
-
-    def _passes(self, examples: Sequence[Example], rng: np.random.Generator) -> Iterator[Pool]:
+    def _passes(self, examples: Sequence[Example], rng: np.random.Generator) -> Iterator[list[Pool]]:
         """One pass through the data, or passes without end where processes have to keep step."""
-        yield from batches(examples, self.how.batch, rng, augment=self.how.augment)
+        how = self.how
+        yield from batches(examples, how.batch, rng, augment=how.augment, parts=how.parts)
         while self.world > 1:
-            yield from batches(examples, self.how.batch, rng, augment=self.how.augment)
+            yield from batches(examples, how.batch, rng, augment=how.augment, parts=how.parts)
+
+    def _no_sync(self, last: bool, net: torch.nn.Module) -> AbstractContextManager[None]:
+        """Processes add their gradients up with the last part of a batch only."""
+        return nullcontext() if last or not isinstance(net, DistributedDataParallel) else net.no_sync()
 
     def run(self, train: Sequence[Example], valid: Sequence[Example], *, quiet: bool = False) -> list[dict[str, float]]:
         """Trains to the last epoch or until the time is up; the rows of the curve that were added.
@@ -217,63 +140,57 @@ class Trainer:
             fewest = torch.tensor(per_epoch, device=self.device)
             distributed.all_reduce(fewest, distributed.ReduceOp.MIN)
             per_epoch = int(fewest)
-        rows = []
-        with Progress(disable=quiet or self.rank > 0) as bar:
-            task = bar.add_task("training", total=how.epochs * per_epoch, completed=self.step)
-            while self.epoch < how.epochs and self.seconds < how.time_s:
+        domain = Domain.of(pool([e], [0]) for e in mine[:: max(1, len(mine) // SEEN)])
+        at, steps, rows = self.at, how.epochs * per_epoch, []
+        with rich.progress.Progress(disable=quiet or self.rank > 0) as bar:
+            task = bar.add_task("training", total=steps, completed=at.step)
+            while at.epoch < how.epochs and at.seconds < how.time_s:
                 begun = time.perf_counter()
                 net.train()
-                rng = np.random.default_rng([how.seed, self.epoch, self.rank])
+                rng = np.random.default_rng([how.seed, at.epoch, self.rank])
                 total, right, n, taken = 0.0, 0, 0, 0
-                for pool in _ahead(self._passes(mine, rng)):
+                for some in _ahead(self._passes(mine, rng)):
                     if self.world > 1 and taken >= per_epoch:
                         break  # every process takes as many steps as the others, or they wait for ever
-                    rate = schedule(self.step, how.epochs * per_epoch, how)
-                    for group in self.adam.param_groups:
-                        group["lr"] = rate
-                    inputs, option = to_tensors(pool, self.device)
-                    logits = net(inputs)
-                    loss = loss_of(logits, option, how.smooth)
-                    self.adam.zero_grad(set_to_none=True)
-                    loss.backward()  # type: ignore[no-untyped-call]
+                    rate = at.rate(steps)
+                    at.adam.zero_grad(set_to_none=True)
+                    decisions = sum(len(one.option) for one in some)
+                    for k, one in enumerate(some):
+                        inputs, option = to_tensors(one, self.device)
+                        with self._no_sync(k + 1 == len(some), net):
+                            with torch.autocast(self.device.type, torch.bfloat16, how.bfloat16):
+                                logits = net(inputs)
+                            loss = loss_of(logits.float(), option, how.smooth) * (len(option) / decisions)
+                            loss.backward()  # type: ignore[no-untyped-call]
+                        total += float(loss.detach()) * decisions
+                        right += int((logits.detach().argmax(-1) == option).sum())
+                    n += decisions
                     torch.nn.utils.clip_grad_norm_(net.parameters(), how.clip)
-                    self.adam.step()
-                    total += float(loss.detach()) * len(option)
-                    right += int((logits.detach().argmax(-1) == option).sum())
-                    n += len(option)
-                    self.step, taken = self.step + 1, taken + 1
-                    bar.update(task, completed=self.step, description=f"loss {total / n:.3f}")
-                self.epoch += 1
-                self.seconds += time.perf_counter() - begun
+                    at.adam.step()
+                    at.step, taken = at.step + 1, taken + 1
+                    bar.update(task, completed=at.step, description=f"loss {total / n:.3f}")
+                at.epoch += 1
+                at.seconds += time.perf_counter() - begun
                 loss_v, right_v = measure(self.net, valid, how.batch, self.device) if valid else (math.nan, math.nan)
-                row = {
-                    "epoch": self.epoch,
-                    "steps": self.step,
-                    "seconds": round(self.seconds, 1),
-                    "rate": rate,
-                    "train_loss": total / n,
-                    "train_right": right / n,
-                    "valid_loss": loss_v,
-                    "valid_right": right_v,
-                }
-                self.save(row, loss_v if valid else total / n)
-                rows.append(row)
+                values = (at.epoch, at.step, round(at.seconds, 1), rate, total / n, right / n, loss_v, right_v)
+                rows.append(dict(zip(COLUMNS, values, strict=True)))
+                if self.rank == 0:
+                    at.save(rows[-1], loss_v if valid else total / n, {"domain": domain.to_json()})
         return rows
-
-
-def _plain(how: Training) -> dict[str, Any]:
-    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in asdict(how).items()}
 
 
 def prepare(cache: Path, sources: Sequence[Source]) -> list[Example]:
     """Examples of all sources, each from a cache file that is made where it is missing.
 
     Raises:
-        PlannerError: as ``planner.labels.read`` and ``examples.load``.
+        PlannerError: where a data set has no labels at all, and as ``planner.labels.read`` and ``examples.load``.
     """
     found: list[Example] = []
     for one in sources:
         files = sorted((one.folder / one.name).glob("*.npz"))
+        if not files:
+            folder, make = one.folder / one.name, f"python -m planner.labels --sets {one.name}"
+            raise PlannerError(f"{folder}: there are no labels; make them first: {make} --out {one.folder}")
         stamp = f"{len(files)}-{sum(f.stat().st_size for f in files)}"
         path = cache / f"{one.name}_{one.first}_{one.count}_{one.midway}_{one.steps}_{one.seed}_{stamp}.npz"
         if not path.exists():
@@ -282,30 +199,34 @@ def prepare(cache: Path, sources: Sequence[Source]) -> list[Example]:
     return found
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """The command line."""
+def main(arguments: Sequence[str] | None = None, prog: str = "python -m planner.policy.train") -> None:
+    """The command line.
+
+    Raises:
+        PlannerError: a data set does not exist, there are no labels, or a checkpoint is another network's.
+    """
     how = Training()
-    parser = argparse.ArgumentParser(
-        prog="python -m planner.policy.train", description="Trains network plus; resumable."
-    )
-    parser.add_argument("--labels", type=Path, default=Path("benchmarks/labels"))
-    parser.add_argument("--sets", required=True, help="data sets, with commas between")
+    every = ",".join(one.name for one in DATA_SETS)
+    parser = argparse.ArgumentParser(prog=prog, description="Trains network plus from the expert's labels; resumable.")
+    parser.add_argument("--labels", type=Path, default=FOLDER, help="folder of labels (python -m planner.labels)")
+    parser.add_argument("--sets", default=every, help="data sets, with commas between; default: the paper's eight")
     parser.add_argument("--out", type=Path, default=Path("runs/policy"), help="checkpoint, curve, weights")
-    parser.add_argument("--cache", type=Path, default=Path("runs/policy_cache"))
+    parser.add_argument("--cache", type=Path, default=Path("runs/policy_cache"), help="examples made from labels")
     parser.add_argument("--count", type=int, default=800, help="instances of each data set to train on")
     parser.add_argument("--valid", type=int, default=50, help="instances after these, to watch the loss on")
     parser.add_argument("--midway", type=int, default=0, help="mid-mission states per instance")
     parser.add_argument("--more", type=Path, nargs="*", default=[], help="files of examples made otherwise")
-    for name in ("epochs", "batch", "seed"):
-        parser.add_argument(f"--{name}", type=int, default=getattr(how, name))
+    for name in ("epochs", "batch", "parts", "seed"):
+        parser.add_argument(f"--{name}", type=int, default=getattr(how, name), help=HELP[name])
     for name in ("rate", "smooth", "decay"):
-        parser.add_argument(f"--{name}", type=float, default=getattr(how, name))
-    parser.add_argument("--time", type=float, default=math.inf, help="in s")
-    parser.add_argument("--no-augment", action="store_true")
-    parser.add_argument("--no-uav-edges", action="store_true")
-    parser.add_argument("--no-ugv-edges", action="store_true")
+        parser.add_argument(f"--{name}", type=float, default=getattr(how, name), help=HELP[name])
+    parser.add_argument("--time", type=float, default=math.inf, help="no epoch is begun after so many s, in all runs")
+    parser.add_argument("--no-augment", action="store_true", help="plans are not turned and mirrored")
+    parser.add_argument("--bfloat16", action="store_true", help="faster, where the processor has it")
+    parser.add_argument("--no-uav-edges", action="store_true", help="UAVs are connected to nothing")
+    parser.add_argument("--no-ugv-edges", action="store_true", help="UGVs are connected to nothing")
     for name in ("dim", "heads", "layers", "hidden"):
-        parser.add_argument(f"--{name}", type=int, default=getattr(PlusConfig(), name))
+        parser.add_argument(f"--{name}", type=int, default=getattr(PlusConfig(), name), help=HELP[name])
     given = parser.parse_args(arguments)
     device = None
     if "RANK" in os.environ:
@@ -319,7 +240,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     how = replace(
         how, epochs=given.epochs, batch=given.batch, seed=given.seed, rate=given.rate, smooth=given.smooth,
-        decay=given.decay, time_s=given.time, augment=not given.no_augment,
+        decay=given.decay, time_s=given.time, augment=not given.no_augment, parts=given.parts, bfloat16=given.bfloat16,
     )  # fmt: skip
     names = [name.strip() for name in given.sets.split(",")]
     train = prepare(given.cache, [Source(given.labels, x, 0, given.count, given.midway, how.seed) for x in names])
@@ -330,9 +251,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     trainer.run(train, valid)
     if trainer.rank == 0:
         loss, right = measure(trainer.net, valid, how.batch, trainer.device) if valid else (math.nan, math.nan)
-        print(
-            f"{len(train)} plans, {trainer.epoch} epochs, {trainer.seconds:.0f} s: loss {loss:.4f}, right {right:.1%}"
-        )
+        told = f"{len(train)} plans, {trainer.at.epoch} epochs, {trainer.at.seconds:.0f} s"
+        print(f"{told}: loss {loss:.4f}, right {right:.1%}")
 
 
 if __name__ == "__main__":

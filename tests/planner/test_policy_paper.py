@@ -22,7 +22,7 @@ from planner.policy.paper_net import Graphs, PaperNet
 from planner.policy.paper_numpy import PaperModel
 from planner.policy.paper_train import measure, sequences, shuffled, train
 from planner.policy.state import new_state
-from planner.policy.train import Training
+from planner.policy.training import Training
 from planner.presets import preset
 from planner.problem import Problem
 from planner.schedule import evaluate

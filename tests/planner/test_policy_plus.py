@@ -27,7 +27,8 @@ from planner.policy.order import in_turns
 from planner.policy.plus_kernel import logits
 from planner.policy.plus_net import Batch, PlusNet
 from planner.policy.state import SYMMETRIES, new_state
-from planner.policy.train import Trainer, Training, prepare, to_tensors
+from planner.policy.train import Trainer, prepare, to_tensors
+from planner.policy.training import Training
 from planner.policy.weights import plus_weights, read, room, write
 from planner.presets import preset
 from planner.problem import Problem
@@ -224,7 +225,10 @@ def test_symmetries_turn_positions_and_nothing_else(examples: list[Example]) -> 
 
 def test_batches_hold_every_decision_once(examples: list[Example]) -> None:
     total = sum(e.steps for e in examples)
-    assert sum(len(b.option) for b in batches(examples, 32, np.random.default_rng(0), augment=False)) == total
+    for parts in (1, 4):
+        made = list(batches(examples, 32, np.random.default_rng(0), augment=False, parts=parts))
+        assert sum(len(b.option) for some in made for b in some) == total
+        assert {len(some) for some in made} == {parts}
 
 
 def test_training_learns_and_goes_on_where_it_stopped(tmp_path: Path, examples: list[Example]) -> None:
@@ -234,7 +238,7 @@ def test_training_learns_and_goes_on_where_it_stopped(tmp_path: Path, examples: 
     Trainer(tmp_path / "b", SMALL, replace(how, time_s=1e-9)).run(examples, examples, quiet=True)
     half = Trainer(tmp_path / "b", SMALL, how)
     half.how = replace(how, time_s=1e9)
-    assert half.epoch in (0, 1)
+    assert half.at.epoch in (0, 1)
     rest = half.run(examples, examples, quiet=True)
     assert rest[-1]["valid_loss"] == pytest.approx(whole[-1]["valid_loss"], abs=1e-3)
     assert Policy.load(tmp_path / "b" / "best.safetensors").config == SMALL

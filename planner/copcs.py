@@ -1,0 +1,137 @@
+"""Method ``copcs``: a plan by the learned policy, polished by search for the time that is left.
+
+Where the policy has no say (its weights cannot be read, the problem is unlike what it was trained on) or is unsure of
+its plan, search takes over, and ``Plan.note`` says why.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import exp, inf
+from pathlib import Path
+from typing import Any
+
+from planner.errors import PlannerError
+from planner.plan import Action, Plan, Visit
+from planner.policy.decode import Decoded, Policy
+from planner.policy.shipped import shipped
+from planner.problem import Problem
+from planner.schedule import evaluate
+from planner.search import Options as SearchOptions
+from planner.search import search
+from planner.solve import Params, Result, Stop
+
+DECODERS = ("greedy", "sample", "beam")
+UNSURE = 0.25  # the geometric mean of the chosen options' probabilities below which search takes over
+SHARE = 0.2  # of the time, at most, for sampling and for the beam
+SAMPLES = 64
+BEAM = (2, 3)  # plans kept, options of each
+LEAST_S = 1e-3  # what search is given when time is up
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """Options of method ``copcs`` beside those of ``search``, which it hands on.
+
+    Attributes:
+        decode: ``greedy``, ``sample`` (the best of some plans) or ``beam`` (the schedule judges half-made plans).
+        polish: whether search goes on from the policy's plan. Without, the plan is the policy's whatever it is worth.
+        weights: a weights file instead of the one shipped; "" is that one.
+    """
+
+    decode: str = "greedy"
+    polish: bool = True
+    weights: str = ""
+
+    def __post_init__(self) -> None:
+        if self.decode not in DECODERS:
+            raise PlannerError(f"option decode is {self.decode!r}; choose one of {', '.join(DECODERS)}")
+        if not isinstance(self.polish, bool):
+            raise PlannerError(f"option polish is {self.polish!r}; give true or false")
+        if not isinstance(self.weights, str):
+            raise PlannerError(f"option weights is {self.weights!r}; give a file")
+
+
+def split(options: Mapping[str, Any]) -> tuple[Options, dict[str, Any]]:
+    """The options of this method, and the others, which are those of ``search``.
+
+    Raises:
+        PlannerError: for an unknown option or a wrong value.
+    """
+    mine = {k: v for k, v in options.items() if k in Options.__slots__}
+    others = {k: v for k, v in options.items() if k not in mine}
+    try:
+        SearchOptions.read(others)
+    except PlannerError as error:
+        raise PlannerError(str(error).replace("method 'search'", "method 'copcs'")) from error
+    return Options(**mine), others
+
+
+def copcs(problem: Problem, stop: Stop, seed: int, params: Params) -> Result:
+    """Plans by the policy, then by search from its plan; see ``planner.solve.solve``.
+
+    Raises:
+        PlannerError: for an unknown option, or a start that names something that does not exist. Weights that cannot be
+            read are no error: search takes over.
+    """
+    begun = time.perf_counter()
+    options, others = split(params.options)
+    off = SearchOptions.read(others)
+    excluded = {"exclude_uavs": off.exclude_uavs, "exclude_ugvs": off.exclude_ugvs}
+    found, note = _policy_plan(problem, stop, seed, options, excluded)
+    if not options.polish:
+        actions = () if found is None else found.actions(problem)
+        return Result(Plan(actions, evaluate(problem, actions, **excluded), "copcs", note=note), 0, 0.0)
+    start = params.start
+    if found is not None and note is None:
+        start = _better(problem, found.actions(problem), start, excluded)
+    rest = stop
+    if stop.time_s is not None:
+        rest = replace(stop, time_s=max(LEAST_S, stop.time_s - (time.perf_counter() - begun)))
+    result = search(problem, rest, seed, Params("search", start, others))
+    return replace(result, plan=replace(result.plan, note=note))
+
+
+def _policy_plan(
+    problem: Problem, stop: Stop, seed: int, options: Options, excluded: Mapping[str, Any]
+) -> tuple[Decoded | None, str | None]:
+    """The policy's plan, and why search should take over, if it should."""
+    try:
+        policy = Policy.load(Path(options.weights)) if options.weights else shipped()
+    except PlannerError as error:
+        return None, f"search took over: {error}"
+    outside = policy.outside(problem, **excluded)
+    if outside is not None and options.polish:
+        return None, f"search took over: the network was trained on other problems ({outside})"
+    share_s = inf if stop.time_s is None else SHARE * stop.time_s
+    if options.decode == "beam":
+        found = policy.beam(problem, *BEAM, time_s=share_s, **excluded)
+    elif options.decode == "sample":
+        found = policy.sample(problem, SAMPLES, seed=seed, time_s=share_s, **excluded)
+    else:
+        found = policy.greedy(problem, **excluded)
+    if not found.complete:
+        return found, "search took over: the network's plan leaves tasks out"
+    sure = exp(found.log_p / max(1, len(found.codes)))
+    if sure < UNSURE:
+        return found, f"search took over: the network is unsure of its plan ({sure:.0%} a decision)"
+    return found, None if outside is None else f"the network was trained on other problems ({outside})"
+
+
+def _better(
+    problem: Problem, mine: Sequence[Action], start: Sequence[Action] | None, excluded: Mapping[str, Any]
+) -> Sequence[Action]:
+    """The policy's plan or the one given, whichever visits more tasks or else ends sooner."""
+    if start is None:
+        return mine
+
+    def worth(actions: Sequence[Action]) -> tuple[bool, int, float]:
+        try:
+            schedule = evaluate(problem, actions, **excluded)
+        except PlannerError:
+            return False, 0, 0.0
+        return schedule.feasible, sum(isinstance(a, Visit) for a in actions), -schedule.makespan_s
+
+    return mine if worth(mine) > worth(start) else start
