@@ -12,7 +12,7 @@ from planner.solve import METHODS, Params, Stop, solve
 
 
 def test_unknown_method() -> None:
-    with pytest.raises(PlannerError, match="method 'magic' does not exist; there are search, milp, gls, ts, sa"):
+    with pytest.raises(PlannerError, match="method 'magic' does not exist; there are copcs, search, milp, gls, ts, sa"):
         solve(preset("T15-P5"), Stop(iterations=1), 0, Params("magic"))
 
 
