@@ -17,7 +17,7 @@ from planner.errors import PlannerError
 from planner.plan import Plan, Visit
 from planner.problem import Problem
 from planner.schedule import evaluate, predict
-from planner.solve import Params, Stop, solve
+from planner.solve import Params, Stop, solve, warm_up
 
 WORTH_THE_MARGIN = 0.95
 
@@ -171,7 +171,7 @@ class ProcessPlanner:
         self._pool = _pool()
         self._future: Future[PlanReply] | None = None
         self._number = 0
-        self._warm = self._pool.submit(warm_up)
+        self._warm = self._pool.submit(warm_up, settings.method, dict(settings.options))
 
     def wait_warm(self, timeout_s: float) -> None:
         """Waits until the worker has started and compiled, at most ``timeout_s``; what fails shows in its replies."""
@@ -230,11 +230,3 @@ def _end_with_parent() -> None:
         os._exit(0)
 
     threading.Thread(target=watch, name="end with parent", daemon=True).start()
-
-
-def warm_up() -> None:
-    """Loads and compiles the search, so that the first replan in flight is as fast as the others."""
-    from planner.problem import Uav  # noqa: PLC0415
-
-    problem = Problem((0.0, 0.0), [[1.0, 1.0]], [], [[0.0]], (Uav("uav0", (0.0, 0.0)),), ())  # type: ignore[arg-type]
-    solve(problem, Stop(iterations=100))

@@ -23,7 +23,7 @@ from typing import Any
 
 from planner.errors import PlannerError
 from planner.instances import DATA_SETS, TEST, data_set
-from planner.solve import Params, Stop, solve
+from planner.solve import Params, Stop, solve, warm_up
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,8 +114,8 @@ class Row:
 
 @cache
 def _warm_up(method: str) -> None:
-    """Loads the method and its compiled code: no method pays for that in its first plan."""
-    solve(DATA_SETS[0].instance(0), Stop(iterations=1, time_s=0.05), 0, Params(method))
+    """No method pays for loading and compiling in its first plan."""
+    warm_up(method)
 
 
 def measure(name: str, instance: int, entry: Entry) -> Row:

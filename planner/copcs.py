@@ -25,7 +25,7 @@ from planner.solve import Params, Result, Stop
 
 DECODERS = ("greedy", "sample", "beam")
 UNSURE = 0.25  # the geometric mean of the chosen options' probabilities below which search takes over
-SHARE = 0.2  # of the time, at most, for sampling and for the beam
+SHARE = 0.2  # of the time, at most, for sampling and for the beam where search follows
 SAMPLES = 64
 BEAM = (2, 3)  # plans kept, options of each
 LEAST_S = 1e-3  # what search is given when time is up
@@ -105,7 +105,7 @@ def _policy_plan(
     outside = policy.outside(problem, **excluded)
     if outside is not None and options.polish:
         return None, f"search took over: the network was trained on other problems ({outside})"
-    share_s = inf if stop.time_s is None else SHARE * stop.time_s
+    share_s = inf if stop.time_s is None else stop.time_s * (SHARE if options.polish else 1.0)
     if options.decode == "beam":
         found = policy.beam(problem, *BEAM, time_s=share_s, **excluded)
     elif options.decode == "sample":

@@ -68,6 +68,23 @@ def solve(problem: Problem, stop: Stop, seed: int = 0, params: Params = Params()
     return replace(result, plan=replace(result.plan, method=params.method, planning_s=took), time_s=took)
 
 
+def warm_up(method: str, options: Mapping[str, Any] | None = None) -> None:
+    """Loads and compiles what a method needs, so that its next plan takes as long as all others.
+
+    Args:
+        method: its name.
+        options: those that it will be called with.
+
+    Raises:
+        PlannerError: for an unknown method or a wrong option.
+    """
+    from planner.presets import preset  # noqa: PLC0415  (only here)
+
+    given = dict(options or {})
+    for more in ({"polish": False}, {}) if method == "copcs" else ({},):  # its domain may not reach here
+        solve(preset("T15-P5"), Stop(0.05, 100), 0, Params(method, options={**given, **more}))
+
+
 class Method(Protocol):
     """A planning method; ``solve`` fills in its name and the time that it took."""
 

@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, fields
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from planner.errors import PlannerError
 
 
@@ -49,6 +52,21 @@ class PlusConfig:
             PlannerError: where it is not one.
         """
         return cls(**_values(cls, "plus", data))
+
+
+TASK, SITE, UAV, UGV = range(4)
+
+
+def connected(config: PlusConfig) -> NDArray[np.bool_]:
+    """Which types' nodes attend to which in network ``plus``, (16,), by ``4 * type + type``."""
+    table = np.ones((4, 4), np.bool_)
+    table[TASK, UGV] = table[UGV, TASK] = False
+    if not config.uav_edges:
+        table[UAV, :] = table[:, UAV] = False
+    if not config.ugv_edges:
+        table[UGV, :] = table[:, UGV] = False
+    np.fill_diagonal(table, True)
+    return table.reshape(16)
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,10 +23,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as fn
 
-from planner.policy.config import PlusConfig
+from planner.policy.config import PlusConfig, connected
 from planner.policy.features_kernel import N_PAIR, N_SITE, N_TASK, N_UAV, N_UGV
 
-TASK, SITE, UAV, UGV = range(4)
 FORBIDDEN = -1e9
 
 
@@ -50,18 +49,6 @@ class Batch(NamedTuple):
     pair: Tensor
     drive: Tensor
     counts: Tensor
-
-
-def connected(config: PlusConfig) -> Tensor:
-    """Which types' nodes attend to which, (16,) bool, by ``4 * type + type``."""
-    table = torch.ones(4, 4, dtype=torch.bool)
-    table[TASK, UGV] = table[UGV, TASK] = False
-    if not config.uav_edges:
-        table[UAV, :] = table[:, UAV] = False
-    if not config.ugv_edges:
-        table[UGV, :] = table[:, UGV] = False
-    table.fill_diagonal_(True)
-    return table.reshape(16)
 
 
 class Layer(nn.Module):
@@ -115,7 +102,7 @@ class PlusNet(nn.Module):
         self.point_done = nn.Linear(d, d)
         self.score = nn.Linear(d, 1, bias=False)
         self.edges: Tensor
-        self.register_buffer("edges", connected(config), persistent=False)
+        self.register_buffer("edges", torch.from_numpy(connected(config)), persistent=False)
 
     def forward(self, batch: Batch) -> Tensor:
         """Logits, (B, M + G * S + 1): visits, meetings, done; ``FORBIDDEN`` where not offered."""

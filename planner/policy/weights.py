@@ -14,7 +14,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from planner.errors import PlannerError
-from planner.policy.config import PaperConfig, PlusConfig
+from planner.policy.config import PaperConfig, PlusConfig, connected
 from planner.policy.features_kernel import N_PAIR, N_SITE, N_TASK, N_UAV, N_UGV
 from planner.policy.plus_kernel import Room, Weights
 
@@ -64,18 +64,6 @@ def read(
     return kind.from_json(config), tensors, json.loads(more["about"])
 
 
-def shut(config: PlusConfig) -> NDArray[np.uint8]:
-    """1 for pairs of types (task, site, UAV, UGV) that have no edges, (16,)."""
-    table = np.zeros((4, 4), np.uint8)
-    table[0, 3] = table[3, 0] = 1
-    if not config.uav_edges:
-        table[2, :] = table[:, 2] = 1
-    if not config.ugv_edges:
-        table[3, :] = table[:, 3] = 1
-    np.fill_diagonal(table, 0)
-    return table.reshape(16)
-
-
 def plus_weights(config: PlusConfig, tensors: Tensors) -> Weights:
     """Weights of network ``plus`` as the kernel takes them.
 
@@ -114,7 +102,7 @@ def plus_weights(config: PlusConfig, tensors: Tensors) -> Weights:
         np.stack([turned(f"layers.{i}.down.weight", d, f) for i in layers]),
         each("down.bias", d),
         each("edge", 3, config.heads, 16),
-        shut(config),
+        (~connected(config)).astype(np.uint8),
         np.stack([get("norm.weight", d), get("norm.bias", d)]),
         turned("query.weight", d, d),
         np.stack([turned(f"point_{name}.weight", d, d) for name in ("task", "site", "ugv", "done")]),

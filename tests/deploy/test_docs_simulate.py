@@ -36,13 +36,13 @@ def test_it_starts(command: str) -> None:
     if words[0] == "mocap":
         words += ["--command-port", "0", "--data-port", "0"]
     program = subprocess.Popen([*PROGRAM, "simulate", *words], stdout=subprocess.PIPE, text=True, cwd=ROOT)
-    killer = threading.Timer(60.0, program.kill)
+    killer = threading.Timer(120.0, program.kill)
     killer.start()
     try:
         assert program.stdout is not None
         assert program.stdout.readline().startswith("ready"), command
         program.terminate()
-        assert program.wait(5.0) == 0
+        assert program.wait(20.0) == 0
     finally:
         killer.cancel()
         program.kill()

@@ -103,9 +103,9 @@ def end(
     at = [b.position_m[:2] for b in f.uavs()]
     begun_s = time.monotonic()
     os.kill(f.program.pid, number)
-    f.until(lambda: f.program.poll() == -signal.SIGKILL, silence_s + 1.0, "the program is still there")
+    f.until(lambda: f.program.poll() == -signal.SIGKILL, silence_s + 3.0, "the program is still there")
     dead_s = time.monotonic() - begun_s
-    f.until(lambda: not any(map(running, others)), 3.0, "children of the dead program are still there")
+    f.until(lambda: not any(map(running, others)), 10.0, "children of the dead program are still there")
     f.until(lambda: stand(f), stop_s, "UGVs still drive")
     stopped_s = time.monotonic() - begun_s
     f.until(lambda: not any(b.airborne for b in f.uavs()), down_s, "UAVs still fly")
@@ -114,7 +114,7 @@ def end(
     print(f"\n{number.name}: dead after {dead_s:.1f} s, UGVs stand after {stopped_s:.1f} s, UAVs down after "
           f"{landed_s:.1f} s, {max(drifts_m):.1f} m away at the most")  # fmt: skip
     assert not any(b.tumbled or b.locked for b in f.uavs()), f.uavs()
-    f.until(lambda: not any(map(running, relatives["guardian"])), 10.0, "the guardian is still there")
+    f.until(lambda: not any(map(running, relatives["guardian"])), 30.0, "the guardian is still there")
     text = f.said.read_text()
     said = text[text.index("guardian:") :]
     print(said)

@@ -65,12 +65,12 @@ def running(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], list[str]]
 
     threading.Thread(target=listen, daemon=True).start()
     try:
-        assert said.wait(60.0), lines
+        assert said.wait(120.0), lines
         yield program, lines
     finally:
         program.send_signal(signal.SIGINT)
         try:
-            program.wait(10.0)
+            program.wait(20.0)
         finally:
             program.kill()
 
@@ -104,7 +104,7 @@ def test_the_real_backend_flies_a_simulated_fleet(tmp_path: Path) -> None:
             pointed = load(tmp_path / "pointed" / "mission.yaml")
             assert {v.endpoint for v in pointed.fleet if v.driver == "limo"} == {"/limo1", "/limo2"}
             command = [*PROGRAM, "run", str(pointed.path), "--backend", "real", "--out", str(tmp_path / "run")]
-            flown = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=180, check=False)
+            flown = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=400, check=False)
         assert flown.returncode == 0, flown.stdout + flown.stderr
     assert "2 of 2" in flown.stdout
     assert read(tmp_path / "run").meta.backend == "real"
