@@ -53,17 +53,22 @@ class Arrays:
 
     def work(self, *, unique: bool = False) -> Work:
         """Fresh work space; with ``unique`` the caller vouches that no plan visits a task twice."""
-        n_uavs, n_ugvs = len(self.uavs), len(self.ugvs)
-        return Work(
-            np.empty(n_uavs, np.int32),
-            np.empty((n_uavs, 2)),
-            np.empty(n_ugvs, np.int32),
-            np.empty((n_ugvs, 4)),
-            np.empty(self.docks0.shape),
-            np.empty(0 if unique else len(self.visited), np.uint8),
-            np.empty(kernel.SUMS_SIZE),
-            np.empty(kernel.OUT_SIZE),
-        )
+        return new_work(self.world(), unique=unique)
+
+
+def new_work(world: World, *, unique: bool = False) -> Work:
+    """Fresh work space; with ``unique`` the caller vouches that no plan visits a task twice."""
+    n_uavs, n_ugvs = len(world.uavs), len(world.ugvs)
+    return Work(
+        np.empty(n_uavs, np.int32),
+        np.empty((n_uavs, 2)),
+        np.empty(n_ugvs, np.int32),
+        np.empty((n_ugvs, 4)),
+        np.empty(world.docks0.shape),
+        np.empty(0 if unique else len(world.visited), np.uint8),
+        np.empty(kernel.SUMS_SIZE),
+        np.empty(kernel.OUT_SIZE),
+    )
 
 
 _CACHE: WeakKeyDictionary[Problem, Arrays] = WeakKeyDictionary()

@@ -214,4 +214,5 @@ def _colour(name: str) -> str:
     method, _, reading = name.partition("-")
     if method in ("gls", "ts", "sa") and reading in hues:
         return hues[reading][("gls", "ts", "sa").index(method)]
-    return {"search": "#111827", "milp": "#a16207"}.get(name, "#6b7280")
+    ours = {"search": "#111827", "copcs": "#be185d", "copcs+beam": "#db2777", "copcs+search": "#f472b6"}
+    return {**ours, "search-0.3s": "#4b5563", "milp": "#a16207"}.get(name, "#6b7280")

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planner.kernel import OUT_SIZE, SUMS_SIZE, Ints, Work
+from planner.arrays import new_work
+from planner.kernel import Ints
 from planner.policy.examples import Example
 from planner.policy.features_kernel import N_PAIR, N_SITE, N_TASK, N_UAV, N_UGV, Indices, Singles
 from planner.policy.replay_kernel import replay
@@ -53,20 +54,6 @@ class Pool(NamedTuple):
         )
 
 
-def _work(e: Example) -> Work:
-    n_uavs, n_ugvs = len(e.world.uavs), len(e.world.ugvs)
-    return Work(
-        np.empty(n_uavs, np.int32),
-        np.empty((n_uavs, 2)),
-        np.empty(n_ugvs, np.int32),
-        np.empty((n_ugvs, 4)),
-        np.empty(e.world.docks0.shape),
-        np.empty(len(e.world.visited), np.uint8),
-        np.empty(SUMS_SIZE),
-        np.empty(OUT_SIZE),
-    )
-
-
 def pool(examples: Sequence[Example], symmetries: Sequence[int]) -> Pool:
     """All decisions of ``examples``, each example turned or mirrored by its entry of ``symmetries`` (0 leaves it)."""
     total = sum(e.steps for e in examples)
@@ -95,7 +82,7 @@ def pool(examples: Sequence[Example], symmetries: Sequence[int]) -> Pool:
         drive = np.zeros((e.steps, n_sites + n_ugvs, n_sites), f)
         xy = np.ascontiguousarray(e.xy @ SYMMETRIES[k])
         n = replay(
-            w, _work(e), turn, xy, e.reach, e.codes, options, order,
+            w, new_work(w), turn, xy, e.reach, e.codes, options, order,
             made.task[row : row + e.steps], made.site[row : row + e.steps], made.uav[row : row + e.steps],
             made.ugv[row : row + e.steps], made.pair[row : row + e.steps], drive, tasks[row : row + e.steps],
             made.counts[row : row + e.steps], 0,

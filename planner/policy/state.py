@@ -47,9 +47,7 @@ class State(NamedTuple):
 
 def clone(work: Work) -> Work:
     """A copy of the state of all vehicles."""
-    w = work
-    return Work(w.node.copy(), w.us.copy(), w.site.copy(), w.gs.copy(), w.docks.copy(), w.seen.copy(), w.sums.copy(),
-                w.out.copy())  # fmt: skip
+    return Work._make(array.copy() for array in work)
 
 
 def new_view(n_tasks: int, n_sites: int, n_uavs: int, n_ugvs: int) -> View:
