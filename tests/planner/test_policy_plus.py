@@ -17,12 +17,14 @@ from planner.errors import PlannerError
 from planner.instances import data_set
 from planner.labels import Expert, make
 from planner.midway import midway
+from planner.policy import improve
 from planner.policy import tokens_kernel as tk
 from planner.policy.batches import batches, pool
 from planner.policy.config import PlusConfig
 from planner.policy.decode import Policy
 from planner.policy.examples import Example, Source, example, load, save
 from planner.policy.features_kernel import fill_view
+from planner.policy.improve import improved
 from planner.policy.order import in_turns
 from planner.policy.plus_kernel import logits
 from planner.policy.plus_net import Batch, PlusNet
@@ -245,6 +247,23 @@ def test_training_learns_and_goes_on_where_it_stopped(tmp_path: Path, examples: 
     assert (tmp_path / "b" / "curve.csv").read_text().count("\n") == 7
     with pytest.raises(PlannerError, match="another network"):
         Trainer(tmp_path / "b", replace(SMALL, layers=1), how)
+
+
+def test_search_improves_what_the_policy_plans(tmp_path: Path, policy: Policy, monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = data_set("T15-P5_2-2").instance(1_003)
+    bare = policy.greedy(problem, symmetries=8)
+    whole, later = improved(policy, problem, 3, 3_000)
+    assert whole.makespan_s < bare.makespan_s
+    assert not whole.world.visited.any()
+    assert later.world.visited.any()
+    write(tmp_path / "w.safetensors", SMALL, network()[1], {})
+    monkeypatch.setattr("planner.policy.improve.CHUNK", 2)
+    given = (tmp_path, tmp_path / "w.safetensors", ["T15-P5_2-2"], 1_002, 4, {"T15-P5": 500})
+    files = list(improve.make(*given))
+    assert [file.stem for file in files] == ["001002", "001004"]
+    assert 4 <= sum(len(load(file)) for file in files) <= 8
+    files[0].unlink()
+    assert list(improve.make(*given)) == files[:1]
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)

@@ -1,0 +1,143 @@
+"""Self-improvement: what the policy plans, improved by search, as training data: ``python -m planner.policy.improve``.
+
+Two examples come from each instance: the whole problem, where search starts from the best of the policy's plans over
+all orientations; and a moment in the middle of its greedy plan, where search starts from the rest of that plan. The
+second kind shows the policy what to do in states that its own mistakes lead to (as in DAgger, Ross 2011).
+
+Chunks of ``CHUNK`` instances, one file each: a run may be interrupted and goes on. Train with ``--more FILES``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from rich.progress import Progress
+
+from planner.errors import PlannerError
+from planner.instances import SIZE, data_set
+from planner.midway import state_at
+from planner.plan import Action
+from planner.policy.decode import Policy
+from planner.policy.examples import Example, example, save
+from planner.policy.state import SYMMETRIES
+from planner.problem import Problem
+from planner.solve import Params, Stop, solve
+
+CHUNK = 50
+
+
+def improved(policy: Policy, problem: Problem, seed: int, steps: int) -> list[Example]:
+    """Up to two examples from one problem (see above); none where the policy finds no plan.
+
+    Args:
+        policy: whose plans are improved.
+        problem: the problem.
+        seed: of search and of the moment.
+        steps: of each search.
+    """
+    plain = policy.greedy(problem)
+    best = policy.greedy(problem, symmetries=len(SYMMETRIES))
+    if not plain.complete:
+        return []
+    found = _example(problem, best.actions(problem), seed, steps)
+    share = float(np.random.default_rng([seed, 2]).uniform(0.02, 0.95))
+    later, rest = state_at(problem, plain.actions(problem), share * plain.makespan_s)
+    return found + _example(later, rest, seed, steps)
+
+
+def _example(problem: Problem, start: Sequence[Action], seed: int, steps: int) -> list[Example]:
+    plan = solve(problem, Stop(iterations=steps), seed, Params(start=start)).plan
+    if not plan.feasible:
+        return []
+    try:
+        return [example(problem, plan.actions)]
+    except PlannerError:  # the decoder has no words for this plan
+        return []
+
+
+@cache
+def _policy(path: Path) -> Policy:
+    return Policy.load(path)
+
+
+def make_chunk(out: Path, weights: Path, name: str, first: int, steps: int) -> int:
+    """Writes the examples of instances ``first`` to ``first + CHUNK - 1``; how many there are."""
+    one, policy = data_set(name), _policy(weights)
+    made = (x for i in range(first, first + CHUNK) for x in improved(policy, one.instance(i), i, steps))
+    return save(_file(out, name, first), made, {"data_set": name, "first": first, "steps": steps})
+
+
+def _file(out: Path, name: str, first: int) -> Path:
+    return out / name / f"{first:06d}.npz"
+
+
+def make(
+    out: Path, weights: Path, sets: Sequence[str], first: int, count: int, steps: dict[str, int], jobs: int = 1
+) -> Iterator[Path]:
+    """Makes the chunks that are missing; yields each as it is done.
+
+    Args:
+        out: where they go, a folder for each data set.
+        weights: the policy's.
+        sets: names of data sets.
+        first: first instance; those from ``instances.SIZE`` on are in no data set of the paper.
+        count: of instances, rounded up to whole chunks.
+        steps: of each search, by setup.
+        jobs: processes at once.
+    """
+    todo = [
+        (name, start)
+        for start in range(first, first + count, CHUNK)
+        for name in sets
+        if not _file(out, name, start).exists()
+    ]  # fmt: skip
+    tasks = [(out, weights, name, start, steps[data_set(name).setup]) for name, start in todo]
+    if jobs <= 1:
+        for task, (name, start) in zip(tasks, todo, strict=True):
+            make_chunk(*task)
+            yield _file(out, name, start)
+        return
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
+        for _, (name, start) in zip(pool.map(make_chunk, *zip(*tasks, strict=True)), todo, strict=True):
+            yield _file(out, name, start)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """The command line.
+
+    Raises:
+        PlannerError: a data set does not exist, or weights cannot be read.
+    """
+    parser = argparse.ArgumentParser(
+        prog="python -m planner.policy.improve", description="Improves the policy's plans by search; resumable."
+    )
+    parser.add_argument("--weights", type=Path, required=True, help="of network plus")
+    parser.add_argument("--sets", required=True, help="data sets, with commas between")
+    parser.add_argument("--out", type=Path, default=Path("runs/improved"), help="files of examples")
+    parser.add_argument("--first", type=int, default=SIZE, help="first instance")
+    parser.add_argument("--count", type=int, default=200, help="instances of each data set")
+    parser.add_argument("--steps-t15", type=int, default=60_000, help="of each search")
+    parser.add_argument("--steps-t45", type=int, default=250_000, help="of each search")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes at once")
+    given = parser.parse_args(arguments)
+    sets = [data_set(name.strip()).name for name in given.sets.split(",")]
+    steps = {"T15-P5": given.steps_t15, "T45-P10": given.steps_t45}
+    chunks = len(sets) * -(-given.count // CHUNK)
+    have = sum(
+        _file(given.out, n, k).exists() for n in sets for k in range(given.first, given.first + given.count, CHUNK)
+    )
+    with Progress() as bar:
+        task = bar.add_task("chunks", total=chunks, completed=have)
+        for _ in make(given.out, given.weights, sets, given.first, given.count, steps, given.jobs):
+            bar.advance(task)
+
+
+if __name__ == "__main__":
+    main()
