@@ -10,11 +10,11 @@ better one of the two.
 from __future__ import annotations
 
 import argparse
-import csv
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.rows import Rows
 from planner.benchmark import SEARCH_S
 from planner.instances import DATA_SETS, TEST, data_set
 from planner.solve import Stop, solve
@@ -44,27 +44,15 @@ def main() -> None:
     given = parser.parse_args()
     names = [data_set(name.strip()).name for name in given.sets.split(",")]
     solve(DATA_SETS[0].instance(0), Stop(iterations=1))  # compiled code is loaded before any clock runs
-    rows: list[dict[str, str]] = []
-    if given.out.exists():
-        with given.out.open(newline="", encoding="utf-8") as file:
-            rows = [r for r in csv.DictReader(file) if r["longer_s"]]
-    have = {(r["data_set"], int(r["instance"])) for r in rows}
-    given.out.parent.mkdir(parents=True, exist_ok=True)
-    with given.out.open("a", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, FIELDS)
-        if not rows:
-            writer.writeheader()
-        for k in range(given.count):
-            for name in names:
-                if (name, TEST[k]) in have:
-                    continue
-                row = measure(name, TEST[k])
-                writer.writerow(row)
-                file.flush()
-                rows.append({key: str(v) for key, v in row.items()})
-            print(f"\r{k + 1}/{given.count} instances", end="", flush=True)
+    table = Rows(given.out, FIELDS)
+    have = {(r["data_set"], int(r["instance"])) for r in table.rows}
+    for k in range(given.count):
+        for name in names:
+            if (name, TEST[k]) not in have:
+                table.add(measure(name, TEST[k]))
+        print(f"\r{k + 1}/{given.count} instances", end="", flush=True)
     print()
-    summary(rows)
+    summary(table.rows)
 
 
 def summary(rows: list[dict[str, str]]) -> None:

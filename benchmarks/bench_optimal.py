@@ -10,11 +10,11 @@ short search with another seed; search never sees its plan.
 from __future__ import annotations
 
 import argparse
-import csv
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
+from benchmarks.rows import Rows
 from planner.instances import DataSet
 from planner.plan import Recharge
 from planner.problem import Problem
@@ -58,31 +58,21 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("benchmarks/results/optimal.csv"))
     given = parser.parse_args()
     solve(small((1, 1), 3, 0), Stop(iterations=1))  # compiled code is loaded before any clock runs
-    rows: list[dict[str, str]] = []
-    if given.out.exists():
-        with given.out.open(newline="", encoding="utf-8") as file:
-            rows = [r for r in csv.DictReader(file) if r["reached"]]
-    have = {(r["team"], int(r["tasks"]), int(r["instance"])) for r in rows}
-    given.out.parent.mkdir(parents=True, exist_ok=True)
+    table = Rows(given.out, FIELDS)
+    have = {(r["team"], int(r["tasks"]), int(r["instance"])) for r in table.rows}
     every = [(team, n, k // 5) for k in range(10_000) for n in SIZES[k % 5 : k % 5 + 1] for team in TEAMS]
-    with given.out.open("a", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, FIELDS)
-        if not rows:
-            writer.writeheader()
-        proven = sum(r["proven"] == "True" for r in rows)
-        for team, n_tasks, index in every:
-            if proven >= given.count:
-                break
-            if (f"{team[0]}-{team[1]}", n_tasks, index) in have:
-                continue
-            row = measure(team, n_tasks, index, given.time, given.proof)
-            writer.writerow(row)
-            file.flush()
-            rows.append({k: str(v) for k, v in row.items()})
-            proven += row["proven"] is True
-            print(f"\r{proven}/{given.count} proven", end="", flush=True)
+    proven = sum(r["proven"] == "True" for r in table.rows)
+    for team, n_tasks, index in every:
+        if proven >= given.count:
+            break
+        if (f"{team[0]}-{team[1]}", n_tasks, index) in have:
+            continue
+        row = measure(team, n_tasks, index, given.time, given.proof)
+        table.add(row)
+        proven += row["proven"] is True
+        print(f"\r{proven}/{given.count} proven", end="", flush=True)
     print()
-    summary(rows)
+    summary(table.rows)
 
 
 def summary(rows: list[dict[str, str]]) -> None:
