@@ -108,16 +108,16 @@ def waiting() -> Iterator[Waited]:
 
 def is_flown_safely(result: RunResult, mission: Mission, recharges: int, waited: Waited) -> None:
     """Every task visited, everybody recharged and down, nobody harmed, hardly a turn late by its own fault."""
-    assert result.kind == "done"
+    assert result.kind == "done", result.kind
     assert result.outcome is not None
     assert all(result.outcome.state.visited)
     truth, report = result.truth, result.report
     assert truth is not None
-    assert truth.violations == ()
+    assert truth.violations == (), truth.violations  # no test module: pytest adds nothing to what it says
     assert truth.min_uav_distance_m > mission.settings.separation.horizontal_m
     assert not any(v.airborne or v.tumbled or v.locked for v in truth.vehicles.values())
     assert report is not None
-    assert report.safety_violations == ()
+    assert report.safety_violations == (), report.safety_violations
     assert report.recharges >= recharges
     loop = report.loop
     late = (
