@@ -34,6 +34,7 @@ from planner.policy.domain import Domain
 from planner.policy.examples import Example, Source, gather, load, save
 from planner.policy.plus_net import Batch, PlusNet
 from planner.policy.training import COLUMNS, Progress, Training
+from planner.policy.weights import read
 
 HELP = {
     "epochs": "passes through the data",
@@ -96,8 +97,15 @@ def measure(net: torch.nn.Module, examples: Sequence[Example], batch: int, devic
 class Trainer:
     """One training run of network ``plus``."""
 
-    def __init__(self, folder: Path, config: PlusConfig, how: Training, device: torch.device | None = None) -> None:
-        """Goes on from ``folder``'s checkpoint where there is one.
+    def __init__(
+        self,
+        folder: Path,
+        config: PlusConfig,
+        how: Training,
+        device: torch.device | None = None,
+        start: Path | None = None,
+    ) -> None:
+        """Goes on from ``folder``'s checkpoint where there is one, else from the weights in ``start`` or anew.
 
         Raises:
             PlannerError: where that is of another network, or cannot be read.
@@ -108,6 +116,11 @@ class Trainer:
         self.device = device or torch.device("cuda" if torch.cuda.is_available() else "cpu")
         torch.manual_seed(how.seed)
         self.net = PlusNet(config).to(self.device)
+        if start is not None:
+            of, tensors, _ = read(start)
+            if of != config:
+                raise PlannerError(f"{start}: these weights are of another network; give the same dim, heads, layers")
+            self.net.load_state_dict({name: torch.from_numpy(x) for name, x in tensors.items()})
         adam = torch.optim.AdamW(self.net.parameters(), lr=how.rate, weight_decay=how.decay, betas=(0.9, 0.98))
         self.at = Progress(folder, config, how, self.net, adam)
 
@@ -211,6 +224,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m planner.
     parser.add_argument("--labels", type=Path, default=FOLDER, help="folder of labels (python -m planner.labels)")
     parser.add_argument("--sets", default=every, help="data sets, with commas between; default: the paper's eight")
     parser.add_argument("--out", type=Path, default=Path("runs/policy"), help="checkpoint, curve, weights")
+    parser.add_argument("--start", type=Path, help="weights to begin with")
     parser.add_argument("--cache", type=Path, default=Path("runs/policy_cache"), help="examples made from labels")
     parser.add_argument("--count", type=int, default=800, help="instances of each data set to train on")
     parser.add_argument("--valid", type=int, default=50, help="instances after these, to watch the loss on")
@@ -247,7 +261,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m planner.
     valid = prepare(given.cache, [Source(given.labels, x, given.count, given.valid) for x in names])
     for path in given.more:
         train += load(path)
-    trainer = Trainer(given.out, config, how, device)
+    trainer = Trainer(given.out, config, how, device, given.start)
     trainer.run(train, valid)
     if trainer.rank == 0:
         loss, right = measure(trainer.net, valid, how.batch, trainer.device) if valid else (math.nan, math.nan)

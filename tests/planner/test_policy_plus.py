@@ -247,6 +247,13 @@ def test_training_learns_and_goes_on_where_it_stopped(tmp_path: Path, examples: 
     assert (tmp_path / "b" / "curve.csv").read_text().count("\n") == 7
     with pytest.raises(PlannerError, match="another network"):
         Trainer(tmp_path / "b", replace(SMALL, layers=1), how)
+    best = tmp_path / "a" / "best.safetensors"
+    begun = Trainer(tmp_path / "c", SMALL, replace(how, epochs=1, rate=1e-9), start=best)
+    assert begun.run(examples, examples, quiet=True)[0]["valid_loss"] == pytest.approx(
+        whole[-1]["valid_loss"], abs=1e-3
+    )
+    with pytest.raises(PlannerError, match="these weights are of another network"):
+        Trainer(tmp_path / "d", replace(SMALL, layers=1), how, start=best)
 
 
 def test_search_improves_what_the_policy_plans(tmp_path: Path, policy: Policy, monkeypatch: pytest.MonkeyPatch) -> None:
