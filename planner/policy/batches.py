@@ -18,7 +18,8 @@ from planner.policy.state import SYMMETRIES, new_turn
 class Pool(NamedTuple):
     """Decisions, padded to one size; members as in ``features_kernel.View``, with a first axis.
 
-    ``option`` is the expert's choice, numbered for the padded sizes: M tasks that are left, G * S meetings, done.
+    ``option`` has the expert's choices, (B, U): the one taken, then those of UAVs that are alike, -1 behind the last;
+    numbered for the padded sizes: M tasks that are left, G * S meetings, done.
     """
 
     task: Singles
@@ -54,8 +55,14 @@ class Pool(NamedTuple):
         )
 
 
-def pool(examples: Sequence[Example], symmetries: Sequence[int]) -> Pool:
-    """All decisions of ``examples``, each example turned or mirrored by its entry of ``symmetries`` (0 leaves it)."""
+def pool(examples: Sequence[Example], symmetries: Sequence[int], angles: Sequence[float] | None = None) -> Pool:
+    """All decisions of some examples.
+
+    Args:
+        examples: the plans.
+        symmetries: how each is turned or mirrored (0 leaves it).
+        angles: from which UAVs that are alike are ordered in each, in rad from east; None: east.
+    """
     total = sum(e.steps for e in examples)
     most_m = max(len(e.world.visited) for e in examples)
     most_s = max(e.world.road.shape[1] for e in examples)
@@ -70,19 +77,19 @@ def pool(examples: Sequence[Example], symmetries: Sequence[int]) -> Pool:
         np.zeros((total, most_g, most_s, N_PAIR), f),
         np.zeros((total, most_s + most_g, most_s), f),
         np.zeros((total, 5), np.int32),
-        np.zeros(total, np.int32),
+        np.full((total, most_u), -1, np.int32),
     )
     tasks = np.zeros((total, most_m), np.int32)
     row = 0
-    for e, k in zip(examples, symmetries, strict=True):
+    for e, k, angle in zip(examples, symmetries, angles or [0.0] * len(examples), strict=True):
         w = e.world
         n_tasks, n_sites, n_uavs, n_ugvs = len(w.visited), w.road.shape[1], len(w.uavs), len(w.ugvs)
-        options, order = np.zeros(e.steps, np.int32), np.zeros(e.steps, np.int64)
+        options, order = np.zeros((e.steps, n_uavs), np.int32), np.zeros(e.steps, np.int64)
         turn = new_turn(n_tasks, n_sites, n_uavs, n_ugvs)
         drive = np.zeros((e.steps, n_sites + n_ugvs, n_sites), f)
         xy = np.ascontiguousarray(e.xy @ SYMMETRIES[k])
         n = replay(
-            w, new_work(w), turn, xy, e.reach, e.codes, options, order,
+            w, new_work(w), turn, xy, e.reach, e.codes, angle, options, order,
             made.task[row : row + e.steps], made.site[row : row + e.steps], made.uav[row : row + e.steps],
             made.ugv[row : row + e.steps], made.pair[row : row + e.steps], drive, tasks[row : row + e.steps],
             made.counts[row : row + e.steps], 0,
@@ -92,16 +99,18 @@ def pool(examples: Sequence[Example], symmetries: Sequence[int]) -> Pool:
         made.drive[row : row + n, :n_sites, :n_sites] = drive[:n, :n_sites]
         made.drive[row : row + n, most_s : most_s + n_ugvs, :n_sites] = drive[:n, n_sites:]
         for i in range(n):
-            option = int(options[i])
-            if option < n_tasks:
-                left = int(made.counts[row + i, 0])
-                option = int(np.searchsorted(tasks[row + i, :left], option))
-            elif option == n_tasks + n_ugvs * n_sites:
-                option = most_m + most_g * most_s
-            else:
-                g, p = divmod(option - n_tasks, n_sites)
-                option = most_m + g * most_s + p
-            made.option[row + i] = option
+            left = int(made.counts[row + i, 0])
+            for column, option in enumerate(options[i].tolist()):
+                if option < 0:
+                    break
+                if option < n_tasks:
+                    to = int(np.searchsorted(tasks[row + i, :left], option))
+                elif option == n_tasks + n_ugvs * n_sites:
+                    to = most_m + most_g * most_s
+                else:
+                    g, p = divmod(option - n_tasks, n_sites)
+                    to = most_m + g * most_s + p
+                made.option[row + i, column] = to
         row += n
     return Pool(
         made.task[:row], made.site[:row], made.uav[:row], made.ugv[:row], made.pair[:row], made.drive[:row],
@@ -136,15 +145,18 @@ def batches(
         examples: the data.
         size: decisions in a batch.
         rng: for the order and the symmetries.
-        augment: whether each plan is turned and mirrored at random.
+        augment: whether each plan is turned and mirrored at random, and UAVs that are alike are ordered at random.
         parts: each batch comes in so many, each of graphs of about one size: next to nothing of them is padding.
     """
     order = rng.permutation(len(examples))
     together = _together(examples, size)
     for first in range(0, len(order), together):
         chosen = [examples[i] for i in order[first : first + together].tolist()]
-        turns = rng.integers(0, 8, len(chosen)).tolist() if augment else [0] * len(chosen)
-        some = pool(chosen, turns)
+        turns, angles = [0] * len(chosen), [0.0] * len(chosen)
+        if augment:
+            turns = rng.integers(0, 8, len(chosen)).tolist()
+            angles = rng.uniform(0.0, 2.0 * np.pi, len(chosen)).tolist()
+        some = pool(chosen, turns, angles)
         rows = rng.permutation(len(some.option)).astype(np.int32)
         count = max(1, round(len(rows) / size))
         if parts == 1:

@@ -57,14 +57,16 @@ def in_turns(problem: Problem, actions: Sequence[Action], state: State | None = 
     s = state or new_state(problem)
     codes = useful(encode_meets(problem, actions))
     size = len(codes) + len(problem.uavs)
-    options, order = np.zeros(size, np.int32), np.zeros(size, np.int64)
+    options, order = np.zeros((size, len(problem.uavs)), np.int32), np.zeros(size, np.int64)
     none = _nothing()
-    n = replay(s.world, s.work, s.turn, s.xy, s.reach, codes, options, order, *none, 0)
+    n = replay(s.world, s.work, s.turn, s.xy, s.reach, codes, 0.0, options, order, *none, 0)
     if n < 0:
         raise PlannerError("the plan does something that the decoder is not offered")
     kernel.total(s.world, s.work)
     out = s.work.out
-    return Told(options[:n], order[:n][order[:n] >= 0], float(out[kernel.O_MAKESPAN]), out[kernel.O_CODE] == kernel.OK)
+    return Told(
+        options[:n, 0], order[:n][order[:n] >= 0], float(out[kernel.O_MAKESPAN]), out[kernel.O_CODE] == kernel.OK
+    )
 
 
 def _nothing() -> tuple[Singles, Singles, Singles, Singles, Singles, Singles, kernel.Ints, kernel.Ints]:

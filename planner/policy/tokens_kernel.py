@@ -125,14 +125,6 @@ def code_of(u: int, option: int, n_tasks: int, n_sites: int) -> int:
 
 
 @jit
-def option_of(code: int, n_tasks: int, n_sites: int) -> int:
-    """The option that an action is, of the UAV that acts."""
-    if code >> KIND == VISIT:
-        return code & MASK
-    return n_tasks + (code & MASK) * n_sites + (code >> SITE & MASK)
-
-
-@jit
 def after_visit(world: World, work: Work, u: int, m: int) -> float:
     """Energy above the reserve with which ``u`` would be at its nearest site after visiting ``m``; -inf: not at all.
 

@@ -2,8 +2,8 @@
 
 Teacher forcing with cross-entropy (equation 12) over single decisions: the state before each decision of the expert is
 simulated, so a plan of T decisions is T samples. AdamW, linear warm-up, cosine decay. Every plan is turned and mirrored
-at random each time it is seen; vehicles have no names, so there is nothing to permute. A checkpoint is written whole or
-not at all after every epoch, and a run goes on from it: same seed, same order of the data.
+at random each time it is seen, and UAVs that are alike take their turns in random order. A checkpoint is written whole
+or not at all after every epoch, and a run goes on from it: same seed, same order of the data.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ import numpy as np
 import rich.progress
 import torch
 from torch import distributed
-from torch.nn import functional as fn
 from torch.nn.parallel import DistributedDataParallel
 
 from planner.errors import PlannerError
@@ -53,21 +52,35 @@ SEEN = 2_000  # plans from which it is told what a network has seen
 
 
 def to_tensors(pool: Pool, device: torch.device) -> tuple[Batch, torch.Tensor]:
-    """A batch on the device, and the experts' choices, (B,)."""
+    """A batch on the device, and the experts' choices, (B, U), -1 behind the last."""
     parts = (pool.task, pool.site, pool.uav, pool.ugv, pool.pair, pool.drive, pool.counts)
     batch = Batch(*(torch.from_numpy(np.ascontiguousarray(x)).to(device) for x in parts))
     return batch, torch.from_numpy(pool.option.astype(np.int64)).to(device)
 
 
 def loss_of(logits: torch.Tensor, option: torch.Tensor, smooth: float = 0.0) -> torch.Tensor:
-    """Cross-entropy, equation (12), the mean over decisions; ``smooth`` is spread over what is offered."""
+    """Cross-entropy, equation (12), the mean over decisions.
+
+    Where UAVs are alike it does not matter which of them takes which of their next actions: all count as right.
+
+    Args:
+        logits: (B, options).
+        option: the right ones, (B, U), -1 behind the last.
+        smooth: share of the target that is spread over what is offered.
+    """
     log_p = logits.log_softmax(-1)
-    loss = fn.nll_loss(log_p, option)
+    right = log_p.gather(1, option.clamp(min=0)).masked_fill(option < 0, -math.inf)
+    loss = -right.logsumexp(-1).mean()
     if smooth > 0.0:
         offered = logits > -1e8
         mean = log_p.masked_fill(~offered, 0.0).sum(-1) / offered.sum(-1).clamp(min=1)
         loss = (1.0 - smooth) * loss - smooth * mean.mean()
     return loss
+
+
+def hits(logits: torch.Tensor, option: torch.Tensor) -> int:
+    """Decisions where one of the right choices has the largest logit."""
+    return int((logits.argmax(-1, keepdim=True) == option).any(-1).sum())
 
 
 def _ahead(source: Iterator[list[Pool]]) -> Iterator[list[Pool]]:
@@ -89,7 +102,7 @@ def measure(net: torch.nn.Module, examples: Sequence[Example], batch: int, devic
                 inputs, option = to_tensors(one, device)
                 logits = net(inputs)
                 total += float(loss_of(logits, option)) * len(option)
-                right += int((logits.argmax(-1) == option).sum())
+                right += hits(logits, option)
                 n += len(option)
     return total / max(1, n), right / max(1, n)
 
@@ -176,7 +189,7 @@ class Trainer:
                             loss = loss_of(logits.float(), option, how.smooth) * (len(option) / decisions)
                             loss.backward()  # type: ignore[no-untyped-call]
                         total += float(loss.detach()) * decisions
-                        right += int((logits.detach().argmax(-1) == option).sum())
+                        right += hits(logits.detach(), option)
                     n += decisions
                     torch.nn.utils.clip_grad_norm_(net.parameters(), how.clip)
                     at.adam.step()

@@ -17,6 +17,7 @@ from planner.errors import PlannerError
 from planner.instances import data_set
 from planner.labels import Expert, make
 from planner.midway import midway
+from planner.plan import Visit
 from planner.policy import improve
 from planner.policy import tokens_kernel as tk
 from planner.policy.batches import batches, pool
@@ -27,9 +28,9 @@ from planner.policy.features_kernel import fill_view
 from planner.policy.improve import improved
 from planner.policy.order import in_turns
 from planner.policy.plus_kernel import logits
-from planner.policy.plus_net import Batch, PlusNet
+from planner.policy.plus_net import FORBIDDEN, Batch, PlusNet
 from planner.policy.state import SYMMETRIES, new_state
-from planner.policy.train import Trainer, prepare, to_tensors
+from planner.policy.train import Trainer, hits, loss_of, prepare, to_tensors
 from planner.policy.training import Training
 from planner.policy.weights import plus_weights, read, room, write
 from planner.presets import preset
@@ -109,10 +110,10 @@ def test_padding_changes_nothing(examples: list[Example]) -> None:
     every = pool(examples, [0] * len(examples))
     together, option = to_tensors(every, torch.device("cpu"))
     with torch.inference_mode():
-        whole = net(together).log_softmax(-1).gather(1, option[:, None])[:, 0]
+        whole = net(together).log_softmax(-1).gather(1, option[:, :1])[:, 0]
         for row in range(0, len(option), 7):
             one, choice = to_tensors(every.take(np.array([row], np.int32)), torch.device("cpu"))
-            alone = net(one).log_softmax(-1)[0, choice[0]]
+            alone = net(one).log_softmax(-1)[0, choice[0, 0]]
             assert abs(float(alone - whole[row])) < 1e-4
     assert float(whole.min()) > -1e6  # nothing the expert does is masked out
 
@@ -301,3 +302,28 @@ def test_experts_of_any_problem_are_reproduced(problem: Problem) -> None:
     assert len(told.codes) <= len(plan.actions)
     if told.feasible:
         assert evaluate(problem, decode(problem, told.codes)).makespan_s == told.makespan_s
+
+
+def test_what_uavs_that_are_alike_would_do_counts_as_right() -> None:
+    problem = data_set("T15-P5_4-2").instance(3)
+    plan = solve(problem, Stop(iterations=5_000), 0).plan
+    one = example(problem, plan.actions)
+    firsts = set()
+    for angle in np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False).tolist():
+        made = pool([one], [0], [angle])
+        first = made.option[0]
+        acting = {a.uav for a in plan.actions if isinstance(a, Visit)}
+        assert (first >= 0).sum() == len(acting), "all are at the depot and alike"
+        assert len(set(first[first >= 0].tolist())) == len(acting)
+        assert all((row >= 0).any() for row in made.option)
+        firsts.add(int(first[0]))
+    assert len(firsts) == len(acting), "any of them can be the first"
+
+
+def test_any_right_choice_will_do() -> None:
+    logits = torch.tensor([[0.0, 5.0, 0.0, FORBIDDEN], [3.0, 0.0, 0.0, 0.0]])
+    option = torch.tensor([[0, 1], [0, -1]])
+    expected = -(logits.softmax(-1)[0, :2].sum().log() + logits.softmax(-1)[1, 0].log()) / 2
+    assert loss_of(logits, option) == pytest.approx(float(expected), rel=1e-5)
+    assert hits(logits, option) == 2
+    assert hits(logits, torch.tensor([[0, 2], [-1, 1]])) == 0
