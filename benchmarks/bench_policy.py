@@ -1,7 +1,7 @@
 """Measures the learned planner: a decision of network plus by ours, torch and ONNX Runtime; whole plans per second.
 
-Run: python -m benchmarks.bench_policy [--weights FILE] [--threads 1]. Without weights, random ones: a decision takes as
-long, but the plans are bad and have more of them. ONNX Runtime is measured where it and onnx are installed,
+Run: python -m benchmarks.bench_policy [--weights FILE] [--threads 1] [--random]. Random weights take as long for a
+decision, but their plans are bad and have more of them. ONNX Runtime is measured where it and onnx are installed,
 torch.compile with --compile (it needs a C++ compiler). On a busy machine, --cpu counts the processor's time only.
 """
 
@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import argparse
 import io
+import os
 import statistics
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +29,8 @@ from planner.policy.decode import Policy
 from planner.policy.features_kernel import fill_view
 from planner.policy.plus_kernel import logits
 from planner.policy.plus_net import Batch, PlusNet
+from planner.policy.shipped import FOLDER
+from planner.policy.shipped.__main__ import NAME
 from planner.policy.state import new_state
 from planner.policy.weights import plus_weights, read, room
 from planner.problem import Problem
@@ -143,7 +147,8 @@ class Plain(torch.nn.Module):
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.bench_policy")
-    parser.add_argument("--weights", type=Path)
+    parser.add_argument("--weights", type=Path, default=FOLDER / NAME)
+    parser.add_argument("--random", action="store_true", help="random weights instead")
     parser.add_argument("--layers", type=int, default=PlusConfig().layers, help="of the random network")
     parser.add_argument("--dim", type=int, default=PlusConfig().dim)
     parser.add_argument("--threads", type=int, default=1, help="of torch and ONNX Runtime")
@@ -154,7 +159,7 @@ def main() -> None:
         TIME[0] = time.process_time
     torch.set_num_threads(given.threads)
     torch.manual_seed(0)
-    if given.weights is None:
+    if given.random:
         net = PlusNet(PlusConfig(dim=given.dim, heads=given.dim // 16, hidden=2 * given.dim, layers=given.layers))
         config, tensors = net.config, {k: v.detach().numpy() for k, v in net.state_dict().items()}
     else:
@@ -191,11 +196,15 @@ def main() -> None:
             evaluate(new, policy.greedy(new).actions(new))
 
         whole = clock(plan)
+        at_once = os.cpu_count() or 1
+        with ThreadPoolExecutor(at_once) as pool:
+            together = clock(lambda pool=pool, n=at_once, plan=plan: list(pool.map(lambda _: plan(), range(4 * n))))
         print(f"{name}: {n} decisions")
         for what, took in rows.items():
             print(f"  network, {what:14} {1e3 * took:8.2f} ms a plan, {1e6 * took / n:7.0f} us a decision")
         print(f"  network, products alone {1e3 * least:6.2f} ms a plan")
         print(f"  problem to schedule     {1e3 * whole:7.2f} ms, {1 / whole:6.0f} Hz (target {target} Hz)")
+        print(f"  on {at_once} cores at once        {4 * at_once / together:13.0f} Hz")
 
 
 if __name__ == "__main__":
