@@ -11,6 +11,8 @@ from sim_backends.errors import SimulationError
 
 T = TypeVar("T")
 
+_claims: dict[str, socket.socket] = {}
+
 NATNET_PORTS = (1510,)
 """OptiTrack's command port: simulations side by side need an address each. The server itself gives each client a data
 port: one client of any of them listens on 1511 at every address of this computer."""
@@ -32,12 +34,16 @@ def free_udp_port(taken: Iterable[int] = ()) -> int:
 def free_loopback() -> str:
     """A loopback address on which a NatNet server can be: 127.0.0.1 where it can, else another one.
 
+    No other program gets the same one as long as this one runs.
+
     Raises:
         SimulationError: when none was found.
     """
     rng = random.Random()
     others = (f"127.{rng.randint(1, 250)}.{rng.randint(0, 250)}.{rng.randint(2, 250)}" for _ in range(50))
-    return _first("127.0.0.1", others, lambda a: all(_bindable(a, p) for p in NATNET_PORTS), "loopback address")
+    return _first(
+        "127.0.0.1", others, lambda a: _claimed(a) and all(_bindable(a, p) for p in NATNET_PORTS), "loopback address"
+    )
 
 
 def free_domain() -> int:
@@ -59,6 +65,20 @@ def _first(first: T, others: Iterable[T], good: Callable[[T], bool], what: str) 
         if good(candidate):
             return candidate
     raise SimulationError(f"no free {what} was found on this computer; end other simulations")
+
+
+def _claimed(address: str) -> bool:
+    """Whether this program has the address: two that start at once would both find it free until a server is there."""
+    if address in _claims:
+        return True
+    claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        claim.bind(f"\0copcs-deploy NatNet {address}")  # a name in memory, which ends with its program
+    except OSError:
+        claim.close()
+        return False
+    _claims[address] = claim
+    return True
 
 
 def _bindable(address: str, port: int) -> bool:

@@ -84,6 +84,13 @@ def test_free_places_are_free() -> None:
     assert 1 <= free_domain() <= 101
 
 
+def test_two_programs_that_start_at_once_get_an_address_each() -> None:
+    mine = free_loopback()
+    code = "from sim_backends.wire.ports import free_loopback; print(free_loopback())"
+    other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert other.stdout.strip() != mine == free_loopback()
+
+
 def test_a_vehicle_that_is_not_there_is_named() -> None:
     with pytest.raises(SimulationError, match=r"'nobody'.*u0, u1, g0"):
         launch(CONFIG, (), [CrazyflieEndpoint("nobody")])
