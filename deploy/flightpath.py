@@ -16,6 +16,7 @@ from drivers.vehicle import Vec2, Vec3
 
 FOREVER_S = 1e9
 PIECE_S = 4.0
+EXACT_M = 1e-6  # distances are sums and differences of decimals
 EARLY_LATE_S = 3.0
 
 
@@ -202,10 +203,10 @@ def conflict(
             if c0 - slop_s > a1 + slop_s:
                 break
             gap_m = vertical_gap_m(a, b, c, d)
-            if gap_m >= vertical_m:
+            if gap_m >= vertical_m - EXACT_M:
                 continue
             distance_m = segment_distance_m(a, b, c, d)
-            if distance_m < horizontal_m and not (parting and i == 0 and j == 0):
+            if distance_m < horizontal_m - EXACT_M and not (parting and i == 0 and j == 0):
                 return Conflict(max(a0, c0, now_s), distance_m, gap_m)
     return None
 

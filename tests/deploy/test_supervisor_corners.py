@@ -12,9 +12,10 @@ from test_supervisor_table import ACTIONS, NOW, SETTINGS, G, P, scene, seen, uav
 from deploy import dispatch, dispatch_ugv, monitors, replanning, retime, supervisor
 from deploy.events import Action, EventKind
 from deploy.flightpath import along, resting, straight
+from deploy.settings import Separation
 from deploy.state import MissionPhase, Order
 from deploy.wake import wake_s
-from drivers.vehicle import Arm, Disarm, Drive, GoTo, Hold, Land
+from drivers.vehicle import Arm, Disarm, Drive, GoTo, Hold, Land, TakeOff
 from planner.plan import Move, Recharge, Visit
 
 
@@ -48,6 +49,25 @@ def test_a_landing_waits_for_the_uav_below() -> None:
     dispatch.advance(turn, 0)
     assert turn.uavs[0].phase is P.FLYING and not turn.commands
     assert EventKind.CONFLICT_HELD in turn.uavs[0].active and turn.uavs[0].retry_s > NOW
+
+
+JUST_APART = replace(SETTINGS, separation=Separation(vertical_m=5.0, buffer_m=1.0))  # the layers are 6 m apart
+
+
+@pytest.mark.parametrize("order", [GoTo("uav0", (60.0, 50.0, 10.0), 10.0), TakeOff("uav0", 10.0, 2.0)])
+@pytest.mark.parametrize(("error_m", "goes"), [(0.3, True), (-0.3, True), (0.6, False), (-0.6, True)])
+def test_a_uav_that_hovers_a_little_high_passes_below_another_one(order, error_m: float, goes: bool) -> None:
+    at = (60.0, 50.0, 10.0 + error_m)
+    low = replace(uav_in(P.FLYING, at), order=Order(order, NOW - 9.0, NOW - 9.0), path=resting(at, NOW - 9.0))
+    high = replace(uav_in(P.FLYING, (80.0, 50.0, 16.0)), index=1, path=resting((80.0, 50.0, 16.0), NOW - 9.0))
+    uavs = (low, high)
+    turn = world.turn(
+        JUST_APART, now_s=NOW, uavs=uavs, ugvs=(ugv_in(G.PARKED), ugv_in(G.PARKED, 1)), actions=(Visit(0, 0),),
+        phase=MissionPhase.RUNNING,
+    )  # fmt: skip
+    dispatch.advance(turn, 0)
+    assert (GoTo("uav0", (100.0, 50.0, 10.0), 10.0) in turn.commands) is goes
+    assert (EventKind.CONFLICT_HELD in turn.uavs[0].active) is not goes
 
 
 def test_a_uav_off_its_path_wakes_when_it_counts() -> None:
