@@ -28,6 +28,7 @@ UNSURE = 0.25  # the geometric mean of the chosen options' probabilities below w
 SHARE = 0.2  # of the time, at most, for sampling and for the beam where search follows
 SAMPLES = 64
 BEAM = (2, 3)  # plans kept, options of each
+WARM = 0.4  # of search's first temperature, from the policy's plan: it deserves less trust than one being flown
 LEAST_S = 1e-3  # what search is given when time is up
 
 
@@ -86,7 +87,10 @@ def copcs(problem: Problem, stop: Stop, seed: int, params: Params) -> Result:
         return Result(Plan(actions, evaluate(problem, actions, **excluded), "copcs", note=note), 0, 0.0)
     start = params.start
     if found is not None and note is None:
-        start = _better(problem, found.actions(problem), start, excluded)
+        mine = found.actions(problem)
+        start = _better(problem, mine, start, excluded)
+        if start is mine:
+            others = {"warm": WARM, **others}
     rest = stop
     if stop.time_s is not None:
         rest = replace(stop, time_s=max(LEAST_S, stop.time_s - (time.perf_counter() - begun)))

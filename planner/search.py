@@ -31,7 +31,6 @@ from planner.solve import Params, Result, Stop
 NEIGHBOURS = 16  # of each task, for the moves
 CHUNK = 2_000  # steps between two looks at the clock and changes of the shortage's weight
 UNVISITED_WALK_S = 2e4  # what a task left out costs on the walk, where leaving out is allowed
-WARM = 0.15  # share of the first temperature for a warm start: its structure is worth keeping
 MOST_WORKERS = 64
 DRIVE = 1e-2  # what a second that a UGV drives costs on the walk
 WALK_STEPS = 16_000  # of one walk, for each task: more go into further walks from the start ...
@@ -54,6 +53,7 @@ class Options:
         hot: first temperature as a share of the best makespan so far.
         cold: last temperature as such a share.
         ruin: share of steps with a large move, see ``planner.ruin_kernel``.
+        warm: first temperature from a given start, as a share of ``hot``: its structure is worth keeping.
         workers: walks at the same time, each in a thread of its own; the best one counts. Steps are shared out.
     """
 
@@ -63,6 +63,7 @@ class Options:
     hot: float = 0.08
     cold: float = 0.001
     ruin: float = 0.15
+    warm: float = 0.15
     workers: int = 1
 
     @classmethod
@@ -88,7 +89,7 @@ class Options:
         if not isinstance(values.get("allow_partial", False), bool):
             raise PlannerError(f"option allow_partial is {values['allow_partial']!r}; give true or false")
         made = cls(**values)
-        for name, most in (("hot", float("inf")), ("cold", float("inf")), ("ruin", 1.0)):
+        for name, most in (("hot", inf), ("cold", inf), ("warm", inf), ("ruin", 1.0)):
             value = getattr(made, name)
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < most:
                 limit = "" if most > 1.0 else " and below 1"
@@ -201,7 +202,7 @@ class _Walker:
 
     def walks(self, first: _Draft, warm: bool) -> _Draft:
         """The best plan on some walks from ``first``, the last of them for thrift from the best so far."""
-        n, heat = 1, WARM
+        n, heat = 1, self.s.options.warm
         if not warm:
             heat = 1.0
             if self.budget.stop.time_s is not None:  # how fast it goes, from a few steps
