@@ -18,6 +18,7 @@ import rclpy
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 from std_msgs.msg import Header
@@ -29,6 +30,7 @@ from drivers.limo_typesupport import status_type
 
 POLL_S = 0.02
 LEAVE_S = 2.0
+ACKED_S = 0.3  # the last words are waited for that long
 # what arrives: the newest only, from reliable and best-effort publishers alike
 _READ: Any = cast(Any, QoSProfile)(depth=1, reliability=QoSReliabilityPolicy.BEST_EFFORT)
 _WRITE: Any = cast(Any, QoSProfile)(depth=1, reliability=QoSReliabilityPolicy.RELIABLE)
@@ -141,6 +143,8 @@ class RosRobot:
             for twist in last:
                 self.publish(*twist)
                 time.sleep(0.01)
+            if last:  # a publisher that is gone repeats nothing that was lost
+                self._publisher.wait_for_all_acked(Duration(seconds=ACKED_S))
             node.destroy_publisher(self._publisher)
             node.destroy_subscription(self._odom)
             if self._status is not None:
