@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from reference import Reference
 
 from planner.copcs import UNSURE, Options, copcs, split
 from planner.errors import PlannerError
@@ -162,6 +163,18 @@ def test_search_goes_on_from_the_policys_plan(tmp_path: Path) -> None:
         best = solve(problem, Stop(iterations=0), 0, Params("copcs", options=options)).plan
         assert best.feasible
         assert best.makespan_s <= bare.makespan_s
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("decode", ["greedy", "sample", "beam"])
+@pytest.mark.parametrize("name", ["T15-P5_1-1", "T15-P5_4-2", "T45-P10_2-2", "T15-P5_2-1_urban"])
+def test_its_plans_are_right_by_the_independent_validator(tmp_path: Path, name: str, decode: str) -> None:
+    options = {"weights": str(weights_file(tmp_path, SURE)), "polish": False, "decode": decode}
+    problem = data_set(name).instance(801)
+    plan = solve(problem, Stop(time_s=0.5), 0, Params("copcs", options=options)).plan
+    reference = Reference(problem, list(plan.actions))
+    assert reference.violation() is None
+    assert reference.makespan == pytest.approx(plan.makespan_s, rel=1e-9)
 
 
 @pytest.mark.slow

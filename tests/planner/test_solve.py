@@ -16,7 +16,8 @@ def test_unknown_method() -> None:
         solve(preset("T15-P5"), Stop(iterations=1), 0, Params("magic"))
 
 
-@pytest.mark.parametrize("method", METHODS)
+# the policy takes half a minute to compile
+@pytest.mark.parametrize("method", [pytest.param(m, marks=pytest.mark.slow if m == "copcs" else ()) for m in METHODS])
 def test_every_method_fills_in_its_name(method: str) -> None:
     result = solve(preset("T15-P5"), Stop(iterations=1), 0, Params(method))
     assert result.plan.method == method
