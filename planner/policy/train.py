@@ -237,7 +237,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m planner.
     parser.add_argument("--labels", type=Path, default=FOLDER, help="folder of labels (python -m planner.labels)")
     parser.add_argument("--sets", default=every, help="data sets, with commas between; default: the paper's eight")
     parser.add_argument("--out", type=Path, default=Path("runs/policy"), help="checkpoint, curve, weights")
-    parser.add_argument("--start", type=Path, help="weights to begin with")
+    parser.add_argument("--weights", type=Path, help="to begin with, instead of random ones")
     parser.add_argument("--cache", type=Path, default=Path("runs/policy_cache"), help="examples made from labels")
     parser.add_argument("--count", type=int, default=800, help="instances of each data set to train on")
     parser.add_argument("--valid", type=int, default=50, help="instances after these, to watch the loss on")
@@ -270,11 +270,15 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m planner.
         decay=given.decay, time_s=given.time, augment=not given.no_augment, parts=given.parts, bfloat16=given.bfloat16,
     )  # fmt: skip
     names = [name.strip() for name in given.sets.split(",")]
+    if distributed.is_initialized() and distributed.get_rank() > 0:
+        distributed.barrier()  # the first process makes the cache
     train = prepare(given.cache, [Source(given.labels, x, 0, given.count, given.midway, how.seed) for x in names])
     valid = prepare(given.cache, [Source(given.labels, x, given.count, given.valid) for x in names])
     for path in given.more:
         train += load(path)
-    trainer = Trainer(given.out, config, how, device, given.start)
+    if distributed.is_initialized() and distributed.get_rank() == 0:
+        distributed.barrier()
+    trainer = Trainer(given.out, config, how, device, given.weights)
     trainer.run(train, valid)
     if trainer.rank == 0:
         loss, right = measure(trainer.net, valid, how.batch, trainer.device) if valid else (math.nan, math.nan)
