@@ -276,3 +276,21 @@ def test_ctrl_c_in_a_terminal_brings_everybody_down(mission: str) -> None:
     assert "bringing everybody down" in shown
     report: dict[str, Any] = json.loads(Path("run/report.json").read_text())
     assert report["outcome"] == "aborted"
+
+
+def test_train_says_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    code, out, _ = call("train", "--help")
+    assert code == 0
+    assert "copcs-deploy train" in out and "--labels" in out
+    folder = tmp_path / "none"
+    code, _, err = call("train", "--labels", folder, "--sets", "T15-P5_1-1", "--out", tmp_path / "o")
+    assert code == 2
+    assert f"{folder}/T15-P5_1-1: there are no labels; make them first: python -m planner.labels" in err
+    assert call("train", "--sets", "T99")[0] == 2
+    assert call("train", "--magic")[0] == 2
+    for name in [x for x in sys.modules if x.startswith("planner.policy.train")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "torch", None)
+    code, _, err = call("train")
+    assert code == 2
+    assert "training needs PyTorch; pip install 'copcs-deploy[train]'" in err
