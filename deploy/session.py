@@ -84,6 +84,8 @@ def make_plan(mission: Mission, display: Display) -> Plan:
         plan = plan_with_margin(mission.problem, mission.settings.replanning.margin, stop, seed, params)
     verdict = f"makespan {clock_text(plan.makespan_s)}" if plan.feasible else f"not feasible: {plan.schedule.violation}"
     display.note(f"plan: {verdict} ({plan.method}, {plan.planning_s or 0.0:.1f} s)")
+    if plan.note is not None:
+        display.note(f"plan: {plan.note}")
     return plan
 
 

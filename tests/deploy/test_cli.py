@@ -60,6 +60,14 @@ def test_run(mission: str) -> None:
     assert "\x1b" not in out
 
 
+def test_run_says_when_search_took_over(mission: str, tmp_path: Path) -> None:
+    planner = {**small_mission.MISSION["planner"], "options": {"weights": "nowhere.safetensors"}}
+    small_mission.write(tmp_path, planner=planner)
+    code, out, _ = call("run", mission, "--planner", "copcs", "--dry-run", "--out", "run")
+    assert code == 0
+    assert re.search(r"plan: search took over: nowhere\.safetensors: the weights cannot be read", " ".join(out.split()))
+
+
 def test_run_json(flown: tuple[int, str, Path]) -> None:
     code, out, folder = flown
     data = json.loads(out)
