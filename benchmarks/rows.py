@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -14,14 +15,16 @@ class Rows:
         self.path, self.fields = path, fields
         self.rows: list[dict[str, str]] = []
         path.parent.mkdir(parents=True, exist_ok=True)
-        if path.exists():
-            with path.open(newline="", encoding="utf-8") as file:
-                whole = "".join(line for line in file if line.endswith("\n"))
-            self.rows = list(csv.DictReader(whole.splitlines()))
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, fields, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(self.rows)
+        text = path.read_text(encoding="utf-8") if path.exists() else ""
+        whole = text[: text.rfind("\n") + 1]
+        reader = csv.DictReader(whole.splitlines())
+        if reader.fieldnames is not None and list(reader.fieldnames) != list(fields):
+            sys.exit(f"{path}: these are other results; give another --out")
+        self.rows = list(reader)
+        if whole != text or not whole:
+            part = path.with_suffix(".part")
+            part.write_text(whole or ",".join(fields) + "\n", encoding="utf-8")
+            part.replace(path)
 
     def add(self, row: Mapping[str, object]) -> None:
         """Keeps one more row, in the file as well."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import exp, inf
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from planner.search import search
 from planner.solve import Params, Result, Stop
 
 DECODERS = ("greedy", "sample", "beam")
-UNSURE = 0.25  # the geometric mean of the chosen options' probabilities below which search takes over
+UNSURE = 0.25  # the geometric mean of the decisions' probabilities below which search takes over
 SHARE = 0.2  # of the time, at most, for sampling and for the beam where search follows
 SAMPLES = 64
 BEAM = (2, 3)  # plans kept, options of each
@@ -55,8 +55,8 @@ class Options:
             raise PlannerError(f"option weights is {self.weights!r}; give a file")
 
 
-def split(options: Mapping[str, Any]) -> tuple[Options, dict[str, Any]]:
-    """The options of this method, and the others, which are those of ``search``.
+def split(options: Mapping[str, Any]) -> tuple[Options, dict[str, Any], SearchOptions]:
+    """The options of this method, and the others, which are those of ``search``, plain and read.
 
     Raises:
         PlannerError: for an unknown option or a wrong value.
@@ -64,10 +64,10 @@ def split(options: Mapping[str, Any]) -> tuple[Options, dict[str, Any]]:
     mine = {k: v for k, v in options.items() if k in Options.__slots__}
     others = {k: v for k, v in options.items() if k not in mine}
     try:
-        SearchOptions.read(others)
+        off = SearchOptions.read(others)
     except PlannerError as error:
         raise PlannerError(str(error).replace("method 'search'", "method 'copcs'")) from error
-    return Options(**mine), others
+    return Options(**mine), others, off
 
 
 def copcs(problem: Problem, stop: Stop, seed: int, params: Params) -> Result:
@@ -75,18 +75,19 @@ def copcs(problem: Problem, stop: Stop, seed: int, params: Params) -> Result:
 
     Raises:
         PlannerError: for an unknown option, or a start that names something that does not exist. Weights that cannot be
-            read are no error: search takes over.
+            read are an error only without ``polish``: else search takes over.
     """
     begun = time.perf_counter()
-    options, others = split(params.options)
-    off = SearchOptions.read(others)
+    options, others, off = split(params.options)
     excluded = {"exclude_uavs": off.exclude_uavs, "exclude_ugvs": off.exclude_ugvs}
-    found, note = _policy_plan(problem, stop, seed, options, excluded)
+    found, why_not = _policy_plan(problem, stop, seed, options, excluded)
     if not options.polish:
-        actions = () if found is None else found.actions(problem)
-        return Result(Plan(actions, evaluate(problem, actions, **excluded), "copcs", note=note), 0, 0.0)
+        if found is None:
+            raise PlannerError(f"method 'copcs' without polish has nothing to plan with: {why_not}")
+        actions = found.actions(problem)
+        return Result(Plan(actions, evaluate(problem, actions, **excluded), "copcs", note=why_not), 0, 0.0)
     start = params.start
-    if found is not None and note is None:
+    if found is not None and why_not is None:
         mine = found.actions(problem)
         start = _better(problem, mine, start, excluded)
         if start is mine:
@@ -95,6 +96,7 @@ def copcs(problem: Problem, stop: Stop, seed: int, params: Params) -> Result:
     if stop.time_s is not None:
         rest = replace(stop, time_s=max(LEAST_S, stop.time_s - (time.perf_counter() - begun)))
     result = search(problem, rest, seed, Params("search", start, others))
+    note = None if why_not is None else f"search took over: {why_not}"
     return replace(result, plan=replace(result.plan, note=note))
 
 
@@ -105,10 +107,11 @@ def _policy_plan(
     try:
         policy = Policy.load(Path(options.weights)) if options.weights else shipped()
     except PlannerError as error:
-        return None, f"search took over: {error}"
+        return None, str(error)
     outside = policy.outside(problem, **excluded)
-    if outside is not None and options.polish:
-        return None, f"search took over: the network was trained on other problems ({outside})"
+    why_not = None if outside is None else f"the network was trained on other problems ({outside})"
+    if why_not is not None and options.polish:
+        return None, why_not
     share_s = inf if stop.time_s is None else stop.time_s * (SHARE if options.polish else 1.0)
     if options.decode == "beam":
         found = policy.beam(problem, *BEAM, time_s=share_s, **excluded)
@@ -117,11 +120,10 @@ def _policy_plan(
     else:
         found = policy.greedy(problem, **excluded)
     if not found.complete:
-        return found, "search took over: the network's plan leaves tasks out"
-    sure = exp(found.log_p / max(1, len(found.codes)))
-    if sure < UNSURE:
-        return found, f"search took over: the network is unsure of its plan ({sure:.0%} a decision)"
-    return found, None if outside is None else f"the network was trained on other problems ({outside})"
+        why_not = "the network's plan leaves tasks out"
+    elif not found.sure >= UNSURE:
+        why_not = f"the network is unsure of its plan ({found.sure:.0%} a decision, least {UNSURE:.0%})"
+    return found, why_not
 
 
 def _better(
@@ -132,10 +134,7 @@ def _better(
         return mine
 
     def worth(actions: Sequence[Action]) -> tuple[bool, int, float]:
-        try:
-            schedule = evaluate(problem, actions, **excluded)
-        except PlannerError:
-            return False, 0, 0.0
+        schedule = evaluate(problem, actions, **excluded)
         return schedule.feasible, sum(isinstance(a, Visit) for a in actions), -schedule.makespan_s
 
     return mine if worth(mine) > worth(start) else start

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from rich.progress import Progress
 
-from planner.errors import PlannerError
+from planner.errors import PlannerError, exit_on_error
 from planner.instances import DATA_SETS, SIZE, data_set
 from planner.order import canonical
 from planner.plan import Action, Move, Recharge, Visit
@@ -293,4 +293,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    exit_on_error(main)

@@ -36,6 +36,7 @@ from planner.policy.weights import Tensors, plus_weights, read, room
 from planner.problem import Problem
 
 NEVER, SHUT = np.float32(-1e9), -1e8  # the logit of what is not offered, and what lies above it
+FORCED = 0.05  # the probability that a forced decision counts with
 FLY, DRIVE = 2e-3, 1e-3  # what a flown and a driven second count beside one of makespan
 
 
@@ -52,7 +53,8 @@ class Decoded:
         decisions: of the network, over all attempts.
         refused: options of this plan that were turned down as no way to finish was found behind them.
         forced: decisions of this plan that were taken from that way.
-        log_p: log-probability of the plan.
+        chosen: decisions of this plan that the network took.
+        log_p: log-probability of these.
         doubt: the least probability of a choice.
     """
 
@@ -64,8 +66,15 @@ class Decoded:
     decisions: int
     refused: int
     forced: int
+    chosen: int
     log_p: float
     doubt: float
+
+    @property
+    def sure(self) -> float:
+        """Geometric mean of the probabilities of all decisions of this plan; forced ones count as improbable."""
+        n = self.chosen + self.forced
+        return math.exp((self.log_p + self.forced * math.log(FORCED)) / n) if n else 1.0
 
     def actions(self, problem: Problem) -> tuple[Action, ...]:
         """The plan as joint actions in canonical order."""
@@ -160,6 +169,7 @@ class _Seat:
                     total = best + math.log(float(np.exp(some - best).sum()))
                 value = float(some[place]) - total
                 if self.take(u, self.option(place)):
+                    report[dk.D_CHOSEN] += 1
                     report[dk.D_LOG_P] += value
                     report[dk.D_DOUBT] = min(report[dk.D_DOUBT], math.exp(value))
                     break
@@ -178,6 +188,7 @@ class _Seat:
             int(r[dk.D_DECISIONS]),
             int(r[dk.D_REFUSED]),
             int(r[dk.D_FORCED]),
+            int(r[dk.D_CHOSEN]),
             float(r[dk.D_LOG_P]),
             float(r[dk.D_DOUBT]),
         )

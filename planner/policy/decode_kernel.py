@@ -14,8 +14,8 @@ from planner.policy.jit import jit
 from planner.policy.tokens_kernel import Turn, apply, code_of
 
 # entries of `report`
-D_ACTIONS, D_CERTAIN, D_DECISIONS, D_REFUSED, D_FORCED, D_LOG_P, D_DOUBT = range(7)
-REPORT = 7
+D_ACTIONS, D_CERTAIN, D_DECISIONS, D_REFUSED, D_FORCED, D_CHOSEN, D_LOG_P, D_DOUBT = range(8)
+REPORT = 8
 
 
 class Desk(NamedTuple):

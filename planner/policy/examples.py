@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,7 +156,7 @@ def load(path: Path) -> list[Example]:
     try:
         with np.load(path) as file:
             data = {key: file[key] for key in file.files}
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, TypeError, EOFError, BadZipFile) as error:
         raise PlannerError(f"{path}: no examples can be read: {error}") from error
     about = json.loads(str(data["about"])) if "about" in data else {}
     if about.get("format") != FORMAT:

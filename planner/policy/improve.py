@@ -10,17 +10,20 @@ Chunks of ``CHUNK`` instances, one file each: a run may be interrupted and goes 
 from __future__ import annotations
 
 import argparse
+import hashlib
+import json
 import multiprocessing
 import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.progress import Progress
 
-from planner.errors import PlannerError
+from planner.errors import PlannerError, exit_on_error
 from planner.instances import SIZE, data_set
 from planner.midway import state_at
 from planner.plan import Action
@@ -71,7 +74,34 @@ def make_chunk(out: Path, weights: Path, name: str, first: int, steps: int) -> i
     """Writes the examples of instances ``first`` to ``first + CHUNK - 1``; how many there are."""
     one, policy = data_set(name), _policy(weights)
     made = (x for i in range(first, first + CHUNK) for x in improved(policy, one.instance(i), i, steps))
-    return save(_file(out, name, first), made, {"data_set": name, "first": first, "steps": steps})
+    return save(_file(out, name, first), made, {"data_set": name, "first": first, **_made_with(weights, steps)})
+
+
+def _made_with(weights: Path, steps: int) -> dict[str, Any]:
+    return {"weights": _hash(weights), "steps": steps}
+
+
+@cache
+def _hash(weights: Path) -> str:
+    try:
+        return hashlib.sha256(weights.read_bytes()).hexdigest()
+    except OSError as error:
+        raise PlannerError(f"{weights}: the weights cannot be read: {error.strerror}") from error
+
+
+def _exists(path: Path, weights: Path, steps: int) -> bool:
+    """Whether a chunk is there already.
+
+    Raises:
+        PlannerError: where it was made with other weights or steps.
+    """
+    if not path.exists():
+        return False
+    with np.load(path) as file:
+        about = json.loads(str(file["about"]))
+    if {k: about.get(k) for k in ("weights", "steps")} != _made_with(weights, steps):
+        raise PlannerError(f"{path}: was made with other weights or steps; give another --out, or remove it")
+    return True
 
 
 def _file(out: Path, name: str, first: int) -> Path:
@@ -91,12 +121,15 @@ def make(
         count: of instances, rounded up to whole chunks.
         steps: of each search, by setup.
         jobs: processes at once.
+
+    Raises:
+        PlannerError: where chunks were made with other weights or steps, or weights cannot be read.
     """
     todo = [
         (name, start)
         for start in range(first, first + count, CHUNK)
         for name in sets
-        if not _file(out, name, start).exists()
+        if not _exists(_file(out, name, start), weights, steps[data_set(name).setup])
     ]  # fmt: skip
     tasks = [(out, weights, name, start, steps[data_set(name).setup]) for name, start in todo]
     if jobs <= 1:
@@ -140,4 +173,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    exit_on_error(main)

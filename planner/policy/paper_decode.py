@@ -79,7 +79,7 @@ class PaperPolicy:
         way = s.way[: max(found, 0)].tolist()
         codes: list[int] = []
         last: int | None = None
-        refused = forced = decisions = 0
+        refused = forced = chosen = decisions = 0
         log_p, doubt = 0.0, 1.0
         while work.sums[kernel.S_LEFT] > 0 and len(codes) < self.config.most:
             logits = saying.next(last)
@@ -96,6 +96,7 @@ class PaperPolicy:
                     known = found >= 0
                     way = spare[: max(found, 0)].tolist()
                     codes.append(code)
+                    chosen += 1
                     log_p += value - total
                     doubt = min(doubt, math.exp(value - total))
                     break
@@ -117,5 +118,5 @@ class PaperPolicy:
         cost = cost_of(work.out)
         return Decoded(
             np.array(codes, dtype=np.int64), float(work.out[kernel.O_MAKESPAN]), cost, cost < math.inf, sure,
-            decisions, refused, forced, log_p, doubt,
+            decisions, refused, forced, chosen, log_p, doubt,
         )  # fmt: skip

@@ -21,7 +21,7 @@ import torch
 from numpy.typing import NDArray
 from torch.nn import functional as fn
 
-from planner.errors import PlannerError
+from planner.errors import PlannerError, exit_on_error
 from planner.instances import data_set
 from planner.labels import in_order
 from planner.labels import read as read_labels
@@ -221,4 +221,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    exit_on_error(main)

@@ -16,6 +16,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +25,8 @@ import torch
 from torch import distributed
 from torch.nn.parallel import DistributedDataParallel
 
-from planner.errors import PlannerError
-from planner.instances import DATA_SETS
+from planner.errors import PlannerError, exit_on_error
+from planner.instances import DATA_SETS, data_set
 from planner.labels import FOLDER
 from planner.policy.batches import Pool, batches, pool, steps_of
 from planner.policy.config import PlusConfig
@@ -133,7 +134,10 @@ class Trainer:
             of, tensors, _ = read(start)
             if of != config:
                 raise PlannerError(f"{start}: these weights are of another network; give the same dim, heads, layers")
-            self.net.load_state_dict({name: torch.from_numpy(x) for name, x in tensors.items()})
+            try:
+                self.net.load_state_dict({name: torch.from_numpy(x) for name, x in tensors.items()})
+            except RuntimeError as error:
+                raise PlannerError(f"{start}: these weights are incomplete: {error}") from error
         adam = torch.optim.AdamW(self.net.parameters(), lr=how.rate, weight_decay=how.decay, betas=(0.9, 0.98))
         self.at = Progress(folder, config, how, self.net, adam)
 
@@ -143,6 +147,13 @@ class Trainer:
         yield from batches(examples, how.batch, rng, augment=how.augment, parts=how.parts)
         while self.world > 1:
             yield from batches(examples, how.batch, rng, augment=how.augment, parts=how.parts)
+
+    def _has_time(self) -> bool:
+        """Whether another epoch may begin; by the first process's clock, or some would wait for others for ever."""
+        seconds = torch.tensor(self.at.seconds, device=self.device)
+        if self.world > 1:
+            distributed.broadcast(seconds, 0)
+        return float(seconds) < self.how.time_s
 
     def _no_sync(self, last: bool, net: torch.nn.Module) -> AbstractContextManager[None]:
         """Processes add their gradients up with the last part of a batch only."""
@@ -155,9 +166,9 @@ class Trainer:
             PlannerError: where there is nothing to train on.
         """
         how = self.how
-        mine = list(train)[self.rank :: self.world]
-        if not mine:
+        if len(train) < self.world:
             raise PlannerError("training: there are no examples; make labels first (python -m planner.labels)")
+        mine = list(train)[self.rank :: self.world]
         net: torch.nn.Module = self.net
         if self.world > 1:
             net = DistributedDataParallel(self.net)
@@ -170,7 +181,7 @@ class Trainer:
         at, steps, rows = self.at, how.epochs * per_epoch, []
         with rich.progress.Progress(disable=quiet or self.rank > 0) as bar:
             task = bar.add_task("training", total=steps, completed=at.step)
-            while at.epoch < how.epochs and at.seconds < how.time_s:
+            while at.epoch < how.epochs and self._has_time():
                 begun = time.perf_counter()
                 net.train()
                 rng = np.random.default_rng([how.seed, at.epoch, self.rank])
@@ -258,7 +269,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m planner.
     device = None
     if "RANK" in os.environ:
         gpu = torch.cuda.is_available()
-        distributed.init_process_group("nccl" if gpu else "gloo")
+        distributed.init_process_group("nccl" if gpu else "gloo", timeout=timedelta(hours=4))
         if gpu:
             device = torch.device("cuda", int(os.environ["LOCAL_RANK"]))
             torch.cuda.set_device(device)
@@ -269,7 +280,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m planner.
         how, epochs=given.epochs, batch=given.batch, seed=given.seed, rate=given.rate, smooth=given.smooth,
         decay=given.decay, time_s=given.time, augment=not given.no_augment, parts=given.parts, bfloat16=given.bfloat16,
     )  # fmt: skip
-    names = [name.strip() for name in given.sets.split(",")]
+    names = [data_set(name.strip()).name for name in given.sets.split(",")]
     if distributed.is_initialized() and distributed.get_rank() > 0:
         distributed.barrier()  # the first process makes the cache
     train = prepare(given.cache, [Source(given.labels, x, 0, given.count, given.midway, how.seed) for x in names])
@@ -279,12 +290,16 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m planner.
     if distributed.is_initialized() and distributed.get_rank() == 0:
         distributed.barrier()
     trainer = Trainer(given.out, config, how, device, given.weights)
+    if trainer.at.epoch >= how.epochs:
+        print(f"{given.out}: all {how.epochs} epochs are done; give more --epochs, or another --out")
     trainer.run(train, valid)
     if trainer.rank == 0:
         loss, right = measure(trainer.net, valid, how.batch, trainer.device) if valid else (math.nan, math.nan)
         told = f"{len(train)} plans, {trainer.at.epoch} epochs, {trainer.at.seconds:.0f} s"
         print(f"{told}: loss {loss:.4f}, right {right:.1%}")
+    if distributed.is_initialized():
+        distributed.destroy_process_group()
 
 
 if __name__ == "__main__":
-    main()
+    exit_on_error(main)

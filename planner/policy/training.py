@@ -57,6 +57,13 @@ class Training:
         for name in ("epochs", "batch", "rate", "clip", "parts", "time_s"):
             if not getattr(self, name) > 0:
                 raise PlannerError(f"training: {name} is {getattr(self, name)!r}; give a number above 0")
+        for name in ("decay", "seed"):
+            if not getattr(self, name) >= 0:
+                raise PlannerError(f"training: {name} is {getattr(self, name)!r}; give a number of at least 0")
+        if not 0.0 <= self.smooth < 1.0:
+            raise PlannerError(f"training: smooth is {self.smooth!r}; give a number from 0 to below 1")
+        if self.batch < self.parts:
+            raise PlannerError(f"training: a batch of {self.batch} cannot come in {self.parts} parts; give fewer parts")
 
     def to_json(self) -> dict[str, Any]:
         """A JSON object; null is infinite."""
@@ -125,7 +132,20 @@ class Progress:
             loss: what the best weights are chosen by.
             about: what else the weights files shall tell.
         """
-        best = min(self.best, loss)
+        told = {"training": self.how.to_json(), **row, **about}
+        write(self.folder / "last.safetensors", self.config, self.tensors(), told)
+        if loss <= self.best:
+            self.best = loss
+            write(self.folder / "best.safetensors", self.config, self.tensors(), told)
+        curve = self.folder / "curve.csv"
+        rows: list[dict[str, Any]] = []
+        if curve.exists():  # a row that was written just before an interruption is written again
+            with curve.open(newline="") as file:
+                rows = [r for r in csv.DictReader(file) if int(r["epoch"]) < row["epoch"]]
+        with curve.open("w", newline="") as file:
+            writer = csv.DictWriter(file, COLUMNS)
+            writer.writeheader()
+            writer.writerows([*rows, row])
         part = self.folder / "checkpoint.part"
         torch.save(
             {
@@ -136,20 +156,8 @@ class Progress:
                 "epoch": self.epoch,
                 "step": self.step,
                 "seconds": self.seconds,
-                "best": best,
+                "best": self.best,
             },
             part,
         )
-        part.replace(self.folder / "checkpoint.pt")
-        curve = self.folder / "curve.csv"
-        new = not curve.exists()
-        with curve.open("a", newline="") as file:
-            writer = csv.DictWriter(file, COLUMNS)
-            if new:
-                writer.writeheader()
-            writer.writerow(row)
-        told = {"training": self.how.to_json(), **row, **about}
-        write(self.folder / "last.safetensors", self.config, self.tensors(), told)
-        if loss <= self.best:
-            write(self.folder / "best.safetensors", self.config, self.tensors(), told)
-        self.best = best
+        part.replace(self.folder / "checkpoint.pt")  # last: it says that all of the others are there

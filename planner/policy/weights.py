@@ -59,9 +59,14 @@ def read(
         raise PlannerError(f"{path}: the weights cannot be read: {error}") from error
     if more.get("format") != FORMAT:
         raise PlannerError(f"{path}: format is {more.get('format')!r}; this program reads {FORMAT!r}")
-    config = json.loads(more["config"])
+    try:
+        config, about = dict(json.loads(more["config"])), dict(json.loads(more["about"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise PlannerError(f"{path}: the weights' configuration cannot be read: {error!r}") from error
+    if not all(np.isfinite(x).all() for x in tensors.values()):
+        raise PlannerError(f"{path}: some weights are no numbers; train again")
     kind = PaperConfig if config.get("kind") == "paper" else PlusConfig
-    return kind.from_json(config), tensors, json.loads(more["about"])
+    return kind.from_json(config), tensors, about
 
 
 def plus_weights(config: PlusConfig, tensors: Tensors) -> Weights:

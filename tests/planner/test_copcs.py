@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from reference import Reference
+from safetensors.numpy import save
 
 from planner.copcs import UNSURE, Options, copcs, split
 from planner.errors import PlannerError
@@ -18,6 +19,8 @@ from planner.policy.config import PlusConfig
 from planner.policy.domain import NAMES, Domain
 from planner.policy.features_kernel import View
 from planner.policy.shipped import shipped
+from planner.policy.shipped.__main__ import ship
+from planner.policy.weights import write
 from planner.presets import preset
 from planner.problem import Problem
 from planner.schedule import evaluate
@@ -97,12 +100,15 @@ def test_wrong_options(options: dict[str, object], message: str) -> None:
 
 
 def test_options_are_shared_out_with_search() -> None:
-    mine, others = split({"decode": "beam", "exclude_uavs": {1}, "workers": 2})
+    mine, others, off = split({"decode": "beam", "exclude_uavs": {1}, "workers": 2})
     assert mine == Options(decode="beam")
     assert others == {"exclude_uavs": {1}, "workers": 2}
+    assert (off.exclude_uavs, off.workers) == ({1}, 2)
 
 
-@pytest.mark.parametrize("damage", ["missing", "cut", "changed", "no weights"])
+@pytest.mark.parametrize(
+    "damage", ["missing", "cut", "changed", "no weights", "no config", "bad config", "not a number"]
+)
 def test_search_takes_over_where_weights_cannot_be_read(tmp_path: Path, damage: str) -> None:
     file = tmp_path / "some.safetensors"
     if damage == "cut":
@@ -111,6 +117,13 @@ def test_search_takes_over_where_weights_cannot_be_read(tmp_path: Path, damage: 
         file.write_text("no weights at all, but a text of some length")
     elif damage == "no weights":
         file.mkdir()
+    elif damage == "no config":
+        file.write_bytes(save({"a": np.zeros(1, np.float32)}, {"format": "copcs-policy/1"}))
+    elif damage == "bad config":
+        more = {"format": "copcs-policy/1", "config": "[1]", "about": "{}"}
+        file.write_bytes(save({"a": np.zeros(1, np.float32)}, more))
+    elif damage == "not a number":
+        write(file, SMALL, {"a": np.full(1, np.nan, np.float32)}, {})
     problem, stop = preset("T15-P5", (2, 1), 3), Stop(iterations=2_000)
     plan = solve(problem, stop, 5, Params("copcs", options={"weights": str(file)})).plan
     assert plan.actions == solve(problem, stop, 5).plan.actions
@@ -119,6 +132,8 @@ def test_search_takes_over_where_weights_cannot_be_read(tmp_path: Path, damage: 
     assert plan.note.startswith("search took over: ")
     assert str(file) in plan.note
     assert plan.to_json()["note"] == plan.note
+    with pytest.raises(PlannerError, match="without polish has nothing to plan with"):
+        solve(problem, stop, 5, Params("copcs", options={"weights": str(file), "polish": False}))
 
 
 def test_weights_with_another_hash_are_refused(tmp_path: Path) -> None:
@@ -130,11 +145,23 @@ def test_weights_with_another_hash_are_refused(tmp_path: Path) -> None:
         shipped(tmp_path)
 
 
+def test_only_weights_that_tell_their_domain_are_shipped(tmp_path: Path) -> None:
+    with pytest.raises(PlannerError, match="does not say what the network was trained on"):
+        ship(weights_file(tmp_path), tmp_path)
+    path = weights_file(tmp_path, 2.0, Domain.of([pools(0)]))
+    ship(path, tmp_path)
+    assert shipped(tmp_path).domain is not None
+    assert json.loads((tmp_path / "weights.json").read_text())["network"]["dim"] == SMALL.dim
+    (tmp_path / "plus.safetensors").write_bytes(path.read_bytes()[:-1])
+    shipped.cache_clear()
+    with pytest.raises(PlannerError, match="hash differs"):
+        shipped(tmp_path)
+
+
 def weights_file(folder: Path, scale: float = 1.0, domain: Domain | None = None) -> Path:
     """Weights that were never trained; ``scale`` makes them surer of what they know nothing of."""
     torch = pytest.importorskip("torch")
     from planner.policy.plus_net import PlusNet  # noqa: PLC0415  (imports torch)
-    from planner.policy.weights import write  # noqa: PLC0415  (likewise only here)
 
     torch.manual_seed(0)
     tensors = {k: v.detach().numpy() for k, v in PlusNet(SMALL).state_dict().items()}
@@ -183,7 +210,8 @@ def test_search_takes_over_where_the_policy_is_unsure(tmp_path: Path) -> None:
     plan = solve(problem, stop, 5, Params("copcs", options={"weights": str(weights_file(tmp_path, 1e-3))})).plan
     assert plan.note is not None
     assert plan.note.startswith("search took over: the network is unsure of its plan")
-    assert f"{UNSURE:.0%}" > "0%"
+    told = float(plan.note.partition("(")[2].partition("%")[0])
+    assert told < 100 * UNSURE
     assert plan.actions == solve(problem, stop, 5).plan.actions
 
 
