@@ -22,7 +22,6 @@ from planner.plan import Recharge, Visit
 
 RETRY_S = 1.0
 OVERTIME = 2.0  # of the time that a charge should take
-BUFFER_USED = 0.5  # of the separation's buffer: so far a hovering UAV may be from its place and count as there
 ON_THE_GROUND = 0.5  # of the cruise altitude: below it and not airborne counts as landed
 P = UavPhase
 
@@ -267,31 +266,16 @@ def _fly(turn: Turn, uav: UavState, goal_m: Vec2) -> tuple[UavState, bool]:
         return uav, False
     if uav.track is not None and uav.track.speed_mps > RESTING * config.speed_mps:
         return _hover(turn, uav), False  # flights go from rest to rest; one that is under way is stopped first
-    blocker, start = None, _resting_place(turn, uav)
+    blocker = None
     for altitude_m in _layers(turn, uav):
         goal = (goal_m[0], goal_m[1], altitude_m)
-        path = straight(start, goal, turn.now_s, config.speed_mps, config.accel_mps2)
+        path = straight(p, goal, turn.now_s, config.speed_mps, config.accel_mps2)
         found = turn.uav_in_the_way(uav.index, path)
         if found is None:
             uav = turn.order(uav, GoTo(config.id, goal, config.speed_mps))
             return replace(uav, path=path, active=uav.active - {EventKind.CONFLICT_HELD}), False
         blocker = blocker or found
     return _wait(turn, uav, f"{config.id} hovers until its way is free of {blocker}"), False
-
-
-def _resting_place(turn: Turn, uav: UavState) -> Vec3:
-    """Where a UAV that hovers is by its order, if it is about there; else where it is.
-
-    Layers may lie just as far apart as two UAVs must. The separation's buffer is for what hovering errs: taken from
-    the pose, a centimetre too high would bar the way under another UAV, for ever if that one waits for this one.
-    """
-    p, command = _position(uav), None if uav.order is None else uav.order.command
-    place = p
-    if isinstance(command, GoTo):
-        place = command.position_m
-    elif isinstance(command, TakeOff):
-        place = (p[0], p[1], command.altitude_m)
-    return place if math.dist(p, place) <= BUFFER_USED * turn.settings.separation.buffer_m else p
 
 
 def _layers(turn: Turn, uav: UavState) -> list[float]:

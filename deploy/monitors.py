@@ -224,7 +224,7 @@ def _separation(turn: Turn) -> Iterator[Finding]:
             stops = low if _can_stop(low) or not _can_stop(high) else high
             config = turn.settings.uavs[stops.index]
             ahead_s = 1.0 + config.speed_mps / config.accel_mps2
-            near = _soon_near(turn, high, low, ahead_s, s.horizontal_m + s.buffer_m / 2, s.vertical_m + s.buffer_m / 2)
+            near = _soon_near(turn, high, low, ahead_s, *s.near_m)
             if near is not None:
                 names = [turn.settings.uavs[u.index].id for u in (high, low)]
                 text = f"{names[0]} and {names[1]} come as near as {near[0]:.1f} m and {near[1]:.1f} m in height"

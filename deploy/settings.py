@@ -35,6 +35,11 @@ class Separation:
     ugv_m: Positive = 2.0
     """Least distance between the centres of two UGVs."""
 
+    @property
+    def near_m(self) -> tuple[float, float]:
+        """Horizontal and vertical distance, half the buffer included, below which flights are stopped."""
+        return self.horizontal_m + self.buffer_m / 2, self.vertical_m + self.buffer_m / 2
+
 
 @dataclass(frozen=True, slots=True)
 class Monitors:

@@ -216,13 +216,21 @@ class Turn:
         return max(0.0, self.now_s + left_s - path.rests_from_s)
 
     def uav_in_the_way(self, uav: int, path: TimedPath) -> str | None:
-        """The flying UAV whose committed path conflicts with ``path``, or None."""
+        """The flying UAV whose committed path conflicts with ``path``, or None.
+
+        One that hovers is where it is seen as well, and half the buffer below or above it is enough: layers may lie
+        just as far apart as the whole of it asks for, and then a centimetre that either errs would bar the way past it,
+        for ever if it waits in its turn. What is left is what the monitors stop flights at.
+        """
         s = self.settings.separation
         for other in self.uavs:
             theirs = self.way_of(other)
             if other.index == uav or theirs is None:
                 continue
-            if conflict(path, theirs, self.now_s, s.horizontal_m + s.buffer_m, s.vertical_m + s.buffer_m):
+            ways, vertical_m = [theirs], s.vertical_m + s.buffer_m
+            if other.track is not None and theirs.rests_from_s <= self.now_s:
+                ways, vertical_m = [theirs, resting(other.track.position_m, self.now_s)], s.near_m[1]
+            if any(conflict(path, way, self.now_s, s.horizontal_m + s.buffer_m, vertical_m) for way in ways):
                 return self.settings.uavs[other.index].id
         return None
 

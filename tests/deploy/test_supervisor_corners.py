@@ -54,20 +54,52 @@ def test_a_landing_waits_for_the_uav_below() -> None:
 JUST_APART = replace(SETTINGS, separation=Separation(vertical_m=5.0, buffer_m=1.0))  # the layers are 6 m apart
 
 
-@pytest.mark.parametrize("order", [GoTo("uav0", (60.0, 50.0, 10.0), 10.0), TakeOff("uav0", 10.0, 2.0)])
-@pytest.mark.parametrize(("error_m", "goes"), [(0.3, True), (-0.3, True), (0.6, False), (-0.6, True)])
-def test_a_uav_that_hovers_a_little_high_passes_below_another_one(order, error_m: float, goes: bool) -> None:
-    at = (60.0, 50.0, 10.0 + error_m)
-    low = replace(uav_in(P.FLYING, at), order=Order(order, NOW - 9.0, NOW - 9.0), path=resting(at, NOW - 9.0))
-    high = replace(uav_in(P.FLYING, (80.0, 50.0, 16.0)), index=1, path=resting((80.0, 50.0, 16.0), NOW - 9.0))
-    uavs = (low, high)
+@pytest.mark.parametrize(
+    "order", [GoTo("uav0", (60.0, 50.0, 10.0), 10.0), TakeOff("uav0", 10.0, 2.0), Hold("uav0"), None]
+)
+@pytest.mark.parametrize(
+    ("low_m", "high_m", "path_m", "goes"),
+    [
+        (0.0, 0.0, 0.0, True),
+        (0.3, 0.0, 0.0, True),
+        (0.3, -0.1, 0.0, True),
+        (0.0, -0.4, -0.4, True),  # it was told to hold where it was
+        (-0.6, 0.0, 0.0, True),
+        (0.45, -0.1, 0.0, False),  # as near as flights are stopped at
+        (0.3, -0.3, -0.3, False),
+        (0.6, 0.0, 0.0, False),
+        (0.0, -0.6, 0.0, False),
+        (0.0, 0.0, -0.6, False),
+    ],
+)
+def test_a_uav_passes_below_one_that_hovers_as_far_as_flights_are_not_stopped(
+    order, low_m: float, high_m: float, path_m: float, goes: bool
+) -> None:
+    at, above = (60.0, 50.0, 10.0 + low_m), (65.0, 50.0, 16.0 + high_m)
+    given = None if order is None else Order(order, NOW - 9.0, NOW - 9.0)
+    low = replace(uav_in(P.FLYING, at), order=given, path=resting(at, NOW - 9.0))
+    high = replace(uav_in(P.FLYING, above), index=1, path=resting((65.0, 50.0, 16.0 + path_m), NOW - 9.0))
     turn = world.turn(
-        JUST_APART, now_s=NOW, uavs=uavs, ugvs=(ugv_in(G.PARKED), ugv_in(G.PARKED, 1)), actions=(Visit(0, 0),),
+        JUST_APART, now_s=NOW, uavs=(low, high), ugvs=(ugv_in(G.PARKED), ugv_in(G.PARKED, 1)), actions=(Visit(0, 0),),
         phase=MissionPhase.RUNNING,
     )  # fmt: skip
     dispatch.advance(turn, 0)
     assert (GoTo("uav0", (100.0, 50.0, 10.0), 10.0) in turn.commands) is goes
     assert (EventKind.CONFLICT_HELD in turn.uavs[0].active) is not goes
+
+
+def test_a_flight_below_one_that_moves_keeps_the_whole_buffer() -> None:
+    low = replace(uav_in(P.FLYING, (60.0, 50.0, 10.3)), order=None)
+    high = replace(
+        uav_in(P.FLYING, (100.0, 50.0, 16.0)), index=1,
+        path=straight((100.0, 50.0, 16.0), (60.0, 50.0, 16.0), NOW, 10.0, 4.0),
+    )  # fmt: skip
+    turn = world.turn(
+        JUST_APART, now_s=NOW, uavs=(low, high), ugvs=(ugv_in(G.PARKED), ugv_in(G.PARKED, 1)), actions=(Visit(0, 0),),
+        phase=MissionPhase.RUNNING,
+    )  # fmt: skip
+    dispatch.advance(turn, 0)
+    assert EventKind.CONFLICT_HELD in turn.uavs[0].active
 
 
 def test_a_uav_off_its_path_wakes_when_it_counts() -> None:
