@@ -36,6 +36,7 @@ from planner.policy.weights import Tensors, plus_weights, read, room
 from planner.problem import Problem
 
 NEVER, SHUT = np.float32(-1e9), -1e8  # the logit of what is not offered, and what lies above it
+THRIFTY = 5.0  # how much less likely (in logits) an option may be that spares a recharge
 FORCED = 0.05  # the probability that a forced decision counts with
 FLY, DRIVE = 2e-3, 1e-3  # what a flown and a driven second count beside one of makespan
 
@@ -111,15 +112,16 @@ class _Seat:
     def turned(self, symmetry: int) -> Floats:
         return self.s.xy if symmetry == 0 else np.ascontiguousarray(self.s.xy @ SYMMETRIES[symmetry])
 
-    def take(self, u: int, option: int, *, force: bool = False) -> bool:
+    def take(self, u: int, option: int, *, force: bool = False, thrifty: bool = False) -> bool:
         s = self.s
-        return dk.take(s.world, s.work, s.turn, self.desk, u, option, force, s.acts, self.report)
+        return dk.take(s.world, s.work, s.turn, self.desk, u, option, force, thrifty, s.acts, self.report)
 
     def begin(self) -> None:
         s = self.s
         tk.start(s.world, s.work, s.turn)
         self.report[:] = 0.0
         self.report[dk.D_DOUBT] = 1.0
+        self.report[dk.D_ALONE_S] = math.inf
         self.take(0, -1)
 
     @property
@@ -157,9 +159,13 @@ class _Seat:
             values = some
             if rng is not None:
                 values = some + heat * rng.gumbel(size=len(some)).astype(np.float32)
-            total = None
+            total, thrifty = None, report[dk.D_ALONE_S] < math.inf
+            whole, first = some.copy(), values.copy()
             while True:
                 place = int(values.argmax())
+                if thrifty and (some[place] <= SHUT or some[place] < whole.max() - THRIFTY):
+                    thrifty, some[:], values[:] = False, whole, first
+                    continue
                 if some[place] <= SHUT:
                     if not self.take(u, 0, force=True):
                         self.s.turn.done[u] = 1  # nothing is offered and no way is known: search has to take over
@@ -168,7 +174,7 @@ class _Seat:
                     best = float(some.max())
                     total = best + math.log(float(np.exp(some - best).sum()))
                 value = float(some[place]) - total
-                if self.take(u, self.option(place)):
+                if self.take(u, self.option(place), thrifty=thrifty):
                     report[dk.D_CHOSEN] += 1
                     report[dk.D_LOG_P] += value
                     report[dk.D_DOUBT] = min(report[dk.D_DOUBT], math.exp(value))

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from planner.kernel import MASK, VEHICLE, Codes, Floats, Ints, Work, World
+import numpy as np
+
+from planner.kernel import KIND, MASK, MEET, O_MAKESPAN, VEHICLE, Codes, Floats, Ints, Work, World
 from planner.policy.complete_kernel import complete, copy_work
 from planner.policy.jit import jit
 from planner.policy.tokens_kernel import Turn, apply, code_of
 
 # entries of `report`
-D_ACTIONS, D_CERTAIN, D_DECISIONS, D_REFUSED, D_FORCED, D_CHOSEN, D_LOG_P, D_DOUBT = range(8)
-REPORT = 8
+D_ACTIONS, D_CERTAIN, D_DECISIONS, D_REFUSED, D_FORCED, D_CHOSEN, D_LOG_P, D_DOUBT, D_ALONE_S = range(9)
+REPORT = 9
 
 
 class Desk(NamedTuple):
@@ -39,9 +41,20 @@ class Desk(NamedTuple):
 
 @jit
 def take(
-    world: World, work: Work, turn: Turn, desk: Desk, u: int, option: int, force: bool, acts: Codes, report: Floats
+    world: World,
+    work: Work,
+    turn: Turn,
+    desk: Desk,
+    u: int,
+    option: int,
+    force: bool,
+    thrifty: bool,
+    acts: Codes,
+    report: Floats,
 ) -> bool:
     """Takes an option where a way to finish is known behind it, or where none is known anyway; else changes nothing.
+
+    ``report[D_ALONE_S]`` is the makespan of the way that is known where it needs no recharge any more, else inf.
 
     Args:
         world: the problem.
@@ -51,6 +64,7 @@ def take(
         u: the UAV whose turn it is.
         option: as numbered in ``tokens_kernel``; -1 takes nothing but looks for a first way.
         force: does what the way has for ``u`` instead, or ends its part; False comes back where no way is known.
+        thrifty: refuses what would make a recharge needful where the way so far ends sooner without any.
         acts: the plan so far, ``report[D_ACTIONS]`` actions, added to.
         report: counts, by the entries above.
     """
@@ -82,7 +96,14 @@ def take(
         acts[n] = code_of(u, option, n_tasks, n_sites)
         apply(world, work, turn, acts[n])
     found = complete(world, work, desk.space, turn, desk.hint, desk.spare)
-    if found < 0 and report[D_CERTAIN] != 0:
+    alone_s = desk.space.out[O_MAKESPAN] if found >= 0 else np.inf
+    for i in range(found):
+        if desk.spare[i] >> KIND == MEET:
+            alone_s = np.inf
+    wasteful = thrifty and alone_s == np.inf and report[D_ALONE_S] < np.inf
+    if found >= 0 and wasteful:
+        wasteful = desk.space.out[O_MAKESPAN] > report[D_ALONE_S]
+    if (found < 0 and report[D_CERTAIN] != 0) or wasteful:
         turn.done[u] = 0
         turn.row[:] = desk.row
         copy_work(desk.before, work)
@@ -90,6 +111,7 @@ def take(
         return False
     if found >= 0:
         report[D_CERTAIN] = 1
+        report[D_ALONE_S] = alone_s
         desk.way[:found] = desk.spare[:found]
         desk.way[found] = -1
     if option >= 0 and not ends:
