@@ -57,11 +57,12 @@ format: $(VENV)/.dev ## put the code into its form
 	@$(BIN)/ruff check --fix .
 	@$(BIN)/ruff format .
 
-bench: $(VENV)/.dev ## measure: simulation speed, the supervisor's step, the evaluator, the Monte Carlo, pose to command
+bench: $(VENV)/.dev ## measure: simulation speed, the supervisor's step, the evaluator, the Monte Carlo, the network, pose to command
 	@$(BIN)/python -m benchmarks.bench_loop
 	@$(BIN)/python -m benchmarks.bench_planner --time 1 --instances 2
 	@$(BIN)/python -m benchmarks.bench_montecarlo --runs 0
 	@$(BIN)/copcs-deploy benchmark --quick --out runs/benchmark
+	@$(BIN)/python -m benchmarks.bench_policy
 	@$(BIN)/python -m benchmarks.bench_latency
 
 clean: ## remove the environment, caches and the demo's run folder

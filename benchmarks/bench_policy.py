@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import argparse
 import io
-import os
 import statistics
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -196,15 +194,11 @@ def main() -> None:
             evaluate(new, policy.greedy(new).actions(new))
 
         whole = clock(plan)
-        at_once = os.cpu_count() or 1
-        with ThreadPoolExecutor(at_once) as pool:
-            together = clock(lambda pool=pool, n=at_once, plan=plan: list(pool.map(lambda _: plan(), range(4 * n))))
         print(f"{name}: {n} decisions")
         for what, took in rows.items():
             print(f"  network, {what:14} {1e3 * took:8.2f} ms a plan, {1e6 * took / n:7.0f} us a decision")
         print(f"  network, products alone {1e3 * least:6.2f} ms a plan")
         print(f"  problem to schedule     {1e3 * whole:7.2f} ms, {1 / whole:6.0f} Hz (target {target} Hz)")
-        print(f"  on {at_once} cores at once        {4 * at_once / together:13.0f} Hz")
 
 
 if __name__ == "__main__":
