@@ -53,6 +53,9 @@ def test_commands_and_options_in_the_pages_exist(page: Path) -> None:
             module = f"sim_backends/wire/{ENDPOINTS[words[1]][0]}" if words[1:] and words[1] in ENDPOINTS else None
             source = (ROOT / f"{module or 'deploy/cli_simulate'}.py").read_text(encoding="utf-8")
             options |= set(re.findall(r'"(--[a-z-]+)"', source))
+        if words[0] == "train":  # hands them on as well
+            source = (ROOT / "planner/policy/train.py").read_text(encoding="utf-8")
+            options |= set(re.findall(r'"(--[a-z0-9-]+)"', source))
         for option in re.findall(r"--[a-z-]+", line):
             assert option in options | {"--help"}, f"{page.name}: copcs-deploy {line}"
 
