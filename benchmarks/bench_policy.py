@@ -27,8 +27,7 @@ from planner.policy.decode import Policy
 from planner.policy.features_kernel import fill_view
 from planner.policy.plus_kernel import logits
 from planner.policy.plus_net import Batch, PlusNet
-from planner.policy.shipped import FOLDER
-from planner.policy.shipped.__main__ import NAME
+from planner.policy.shipped import FOLDER, NAME
 from planner.policy.state import new_state
 from planner.policy.weights import plus_weights, read, room
 from planner.problem import Problem

@@ -15,7 +15,7 @@ from typing import Any
 
 from planner.errors import PlannerError
 from planner.plan import Action, Plan, Visit
-from planner.policy.decode import Decoded, Policy
+from planner.policy.decode import Decoded, loaded
 from planner.policy.shipped import shipped
 from planner.problem import Problem
 from planner.schedule import evaluate
@@ -105,7 +105,7 @@ def _policy_plan(
 ) -> tuple[Decoded | None, str | None]:
     """The policy's plan, and why search should take over, if it should."""
     try:
-        policy = Policy.load(Path(options.weights)) if options.weights else shipped()
+        policy = loaded(Path(options.weights)) if options.weights else shipped()
     except PlannerError as error:
         return None, str(error)
     outside = policy.outside(problem, **excluded)

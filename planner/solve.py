@@ -81,7 +81,7 @@ def warm_up(method: str, options: Mapping[str, Any] | None = None) -> None:
     from planner.presets import preset  # noqa: PLC0415  (only here)
 
     given = dict(options or {})
-    for more in ({"polish": False}, {}) if method == "copcs" else ({},):  # its domain may not reach here
+    for more in ({}, {"polish": False}) if method == "copcs" else ({},):  # search, and what its domain may not let on
         solve(preset("T15-P5"), Stop(0.05, 100), 0, Params(method, options={**given, **more}))
 
 

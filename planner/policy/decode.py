@@ -12,6 +12,7 @@ import time
 from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +90,15 @@ def cost_of(out: Floats) -> float:
     return float(out[kernel.O_MAKESPAN] + FLY * out[kernel.O_FLY_S] + DRIVE * out[kernel.O_DRIVE_S])
 
 
+def _see(s: State, xy: Floats) -> int:
+    """Whose turn it is, -1 if nobody's; its options and its view are filled in."""
+    u = tk.acting(s.work, s.turn)
+    if u >= 0:
+        tk.offer(s.world, s.work, s.turn, u)
+        fill_view(s.world, s.work, s.turn, u, xy, s.reach, s.view)
+    return u
+
+
 class _Seat:
     """One problem with all room to decode it; not to be shared between threads."""
 
@@ -131,11 +141,9 @@ class _Seat:
     def look(self, xy: Floats) -> tuple[int, NDArray[np.float32]]:
         """Whose turn it is, -1 if nobody's, and the logits of the options, tasks counted among those that are left."""
         s = self.s
-        u = tk.acting(s.work, s.turn)
+        u = _see(s, xy)
         if u < 0:
             return u, self.logits[:0]
-        tk.offer(s.world, s.work, s.turn, u)
-        fill_view(s.world, s.work, s.turn, u, xy, s.reach, s.view)
         left = int(s.view.counts[0])
         end = left + self.n_ugvs * self.n_sites
         some = self.logits[: end + 1]
@@ -277,12 +285,7 @@ class Policy:
             return None
         s = new_state(problem, exclude_uavs, exclude_ugvs)
         tk.start(s.world, s.work, s.turn)
-        u = tk.acting(s.work, s.turn)
-        if u < 0:
-            return None
-        tk.offer(s.world, s.work, s.turn, u)
-        fill_view(s.world, s.work, s.turn, u, s.xy, s.reach, s.view)
-        return self.domain.outside(s.view)
+        return None if _see(s, s.xy) < 0 else self.domain.outside(s.view)
 
     def greedy(
         self,
@@ -412,6 +415,12 @@ class Policy:
                     children.setdefault(child.acts.tobytes() + child.done.tobytes(), replace(child, cost=end.cost))
             nodes = sorted(children.values(), key=lambda x: x.cost)[:width]
         return replace(best, decisions=decisions)
+
+
+@cache
+def loaded(path: Path) -> Policy:
+    """``Policy.load``, once in a program for each file."""
+    return Policy.load(path)
 
 
 def _best_of(plans: list[Decoded]) -> Decoded:

@@ -27,7 +27,7 @@ from planner.errors import PlannerError, exit_on_error
 from planner.instances import SIZE, data_set
 from planner.midway import state_at
 from planner.plan import Action
-from planner.policy.decode import Policy
+from planner.policy.decode import Policy, loaded
 from planner.policy.examples import Example, example, save
 from planner.policy.state import SYMMETRIES
 from planner.problem import Problem
@@ -65,14 +65,9 @@ def _example(problem: Problem, start: Sequence[Action], seed: int, steps: int) -
         return []
 
 
-@cache
-def _policy(path: Path) -> Policy:
-    return Policy.load(path)
-
-
 def make_chunk(out: Path, weights: Path, name: str, first: int, steps: int) -> int:
     """Writes the examples of instances ``first`` to ``first + CHUNK - 1``; how many there are."""
-    one, policy = data_set(name), _policy(weights)
+    one, policy = data_set(name), loaded(weights)
     made = (x for i in range(first, first + CHUNK) for x in improved(policy, one.instance(i), i, steps))
     return save(_file(out, name, first), made, {"data_set": name, "first": first, **_made_with(weights, steps)})
 

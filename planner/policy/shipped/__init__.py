@@ -10,6 +10,7 @@ from planner.errors import PlannerError
 from planner.policy.decode import Policy
 
 FOLDER = Path(__file__).parent
+NAME = "plus.safetensors"
 
 
 @cache

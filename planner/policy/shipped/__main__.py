@@ -9,10 +9,8 @@ from pathlib import Path
 
 from planner.errors import PlannerError, exit_on_error
 from planner.policy.decode import Policy
-from planner.policy.shipped import FOLDER, shipped
+from planner.policy.shipped import FOLDER, NAME, shipped
 from planner.policy.weights import read
-
-NAME = "plus.safetensors"
 
 
 def ship(path: Path, folder: Path = FOLDER) -> None:
