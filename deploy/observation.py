@@ -58,7 +58,7 @@ class PlanReply:
     """Its result: an observation in. Actions refer to the request's problem (same indices as the mission's).
 
     ``usable`` is true where the plan strands nobody, even if it leaves tasks out (``feasible`` is false then);
-    ``landed`` where it counts on waiting on the ground.
+    ``landed`` where it counts on waiting on the ground. ``note`` is what a user should know of how it was made.
     """
 
     number: int
@@ -69,6 +69,7 @@ class PlanReply:
     violation: str | None = None
     usable: bool = True
     landed: bool = False
+    note: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

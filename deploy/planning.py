@@ -129,8 +129,9 @@ def answer(request: PlanRequest, settings: ReplanSettings, stop: Stop) -> PlanRe
         return PlanReply(request.number, False, (), settings.method, took_s, str(error), usable=False)
     took_s = time.perf_counter() - begun_s
     return PlanReply(
-        request.number, plan.feasible, plan.actions, plan.method, took_s, plan.schedule.violation, usable, landed
-    )
+        request.number, plan.feasible, plan.actions, plan.method, took_s, plan.schedule.violation, usable, landed,
+        plan.note,
+    )  # fmt: skip
 
 
 class InlinePlanner:

@@ -192,10 +192,11 @@ def _take(turn: Turn, reply: PlanReply) -> None:
     turn.adopted = Adopted(problem, actions, exclude, turn.mission_s)
     turn.uavs = [replace(u, action=None) for u in turn.uavs]
     left_out = f", without task {', '.join(map(str, sorted(given_up)))}" if given_up else ""
+    note = f"; {reply.note}" if reply.note is not None else ""
     before = f"{turn.mission_s + old.makespan_s:.0f} s" if old.survives and not old_given_up else "no way to finish"
     turn.tell(
         EventKind.PLAN_ADOPTED,
-        f"plan {number} ends at {turn.plan.planned_s:.0f} s instead of {before}{left_out} ({pending.reason})",
+        f"plan {number} ends at {turn.plan.planned_s:.0f} s instead of {before}{left_out} ({pending.reason}){note}",
     )
 
 

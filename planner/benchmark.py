@@ -60,8 +60,9 @@ def entries() -> list[Entry]:
     short, bare = dict.fromkeys(SEARCH_S, POLISH_S), {"polish": False}
     made = [
         Entry("search", "search", SEARCH_S, "ours: annealing over the joint plan"),
-        Entry("copcs", "copcs", SEARCH_S, "ours: the network alone, greedy; ends by itself", bare),
-        Entry("copcs+beam", "copcs", BEAM_S, "ours: the network alone, beam search; ends by itself",
+        Entry("copcs", "copcs", SEARCH_S, "ours: the network, greedy; ends by itself", bare),
+        Entry("copcs-net", "copcs", SEARCH_S, "ours: the same without looking ahead", {**bare, "look_ahead": False}),
+        Entry("copcs+beam", "copcs", BEAM_S, "ours: the network, beam search; ends by itself",
               {**bare, "decode": "beam"}),
         Entry("copcs+search", "copcs", short, f"ours: greedy, then search, {POLISH_S:g} s in all"),
         Entry("search-0.3s", "search", short, f"search alone, {POLISH_S:g} s"),

@@ -39,18 +39,21 @@ class Options:
     Attributes:
         decode: ``greedy``, ``sample`` (the best of some plans) or ``beam`` (the schedule judges half-made plans).
         polish: whether search goes on from the policy's plan. Without, the plan is the policy's whatever it is worth.
+        look_ahead: whether plain ways to finish behind the network's options count as plans; False leaves all to it.
         weights: a weights file instead of the one shipped; "" is that one.
     """
 
     decode: str = "greedy"
     polish: bool = True
+    look_ahead: bool = True
     weights: str = ""
 
     def __post_init__(self) -> None:
         if self.decode not in DECODERS:
             raise PlannerError(f"option decode is {self.decode!r}; choose one of {', '.join(DECODERS)}")
-        if not isinstance(self.polish, bool):
-            raise PlannerError(f"option polish is {self.polish!r}; give true or false")
+        for name in ("polish", "look_ahead"):
+            if not isinstance(getattr(self, name), bool):
+                raise PlannerError(f"option {name} is {getattr(self, name)!r}; give true or false")
         if not isinstance(self.weights, str):
             raise PlannerError(f"option weights is {self.weights!r}; give a file")
 
@@ -108,6 +111,8 @@ def _policy_plan(
         policy = loaded(Path(options.weights)) if options.weights else shipped()
     except PlannerError as error:
         return None, str(error)
+    if not options.look_ahead:
+        policy = policy.alone()
     outside = policy.outside(problem, **excluded)
     why_not = None if outside is None else f"the network was trained on other problems ({outside})"
     if why_not is not None and options.polish:

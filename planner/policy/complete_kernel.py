@@ -1,13 +1,13 @@
-"""A plain way to serve all tasks that are left: the proof that a plan half made can be finished.
+"""A way to serve all tasks that are left: the proof that a plan half made can be finished.
 
 The decoder takes an option only where this finds such a way from the state behind it, and keeps the way. Then there is
 always something to do: the next action of the way, or ``done`` for a UAV that has no part in it. So decoding cannot run
 into a dead end, and every plan that begins in a state with a way ends feasible.
 
-The way is either of all UAVs on their own, with the energy that they have; or of one UAV and one UGV: from where the
-UGV is, the UAV visits what it can return from and is recharged; then both go to the next stop from which some task that
-is left can be served. All other UAVs are done. Not every state that can be finished has such a way; those of the
-paper's setups have.
+The way is that of ``outline_kernel``: all UAVs on their own with the energy that they have, or with recharges put
+into their routes. Where these are no proof, it is of one UAV and one UGV: from where the UGV is, the UAV visits what it
+can return from and is recharged; then both go to the next stop from which some task that is left can be served, and all
+other UAVs are done. Not every state that can be finished has such a way; those of the paper's setups have.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ from planner.kernel import (
     total,
 )
 from planner.policy.jit import jit
+from planner.policy.outline_kernel import alone, staged
 from planner.policy.tokens_kernel import DETAILS, P_END, Turn, after_visit, rendezvous
 
 
@@ -64,27 +65,6 @@ def _take(world: World, w: Work, acts: Codes, n: int, code: int, rows: Floats) -
 def _sound(world: World, w: Work) -> bool:
     total(world, w)
     return bool(w.out[kernel.O_CODE] == kernel.OK)
-
-
-@jit
-def alone(world: World, w: Work, turn: Turn, acts: Codes) -> int:
-    """All UAVs by themselves, each to the nearest task that it can land from; number of actions, -1 without success."""
-    n = 0
-    n_tasks = world.visited.shape[0]
-    while w.sums[S_LEFT] > 0:
-        best, who, to = np.inf, -1, -1
-        for u in range(w.node.shape[0]):
-            if turn.done[u] != 0:
-                continue
-            for m in range(n_tasks):
-                when = w.us[u, 0] + world.dist[w.node[u], m] / world.uavs[u, U_SPEED]
-                if w.seen[m] == 0 and when < best and after_visit(world, w, u, m) >= -EPS_J:
-                    best, who, to = when, u, m
-        if who < 0:
-            return -1
-        _take(world, w, acts, n, VISIT << KIND | who << VEHICLE | to, turn.rows)
-        n += 1
-    return n if _sound(world, w) else -1
 
 
 @jit
@@ -244,9 +224,15 @@ def complete(world: World, work: Work, space: Work, turn: Turn, hint: Codes, act
     """
     if work.sums[kernel.S_CODE] != kernel.OK:
         return -1
-    copy_work(work, space)
-    n = alone(world, space, turn, acts)
+    n = alone(world, work, turn, acts)
     if n >= 0:
+        copy_work(work, space)
+        go(world, space, acts, 0, n, np.inf, turn.rows)
+        if _sound(world, space):
+            return n
+    copy_work(work, space)
+    n = staged(world, space, turn, acts)
+    if n >= 0 and _sound(world, space):
         return n
     n_uavs, n_ugvs = world.uavs.shape[0], world.ugvs.shape[0]
     for k in range(-1, n_uavs * n_ugvs):

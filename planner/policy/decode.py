@@ -1,7 +1,9 @@
 """Plans by network ``plus``: greedily, by sampling, or by a beam that the schedule judges. No torch.
 
 Every plan is simulated exactly as it is decoded, and judged by its makespan, with small weights on what search counts
-too (flown and driven time). Where a way to finish was known from the start, the plan is feasible; ``Decoded.certain``
+too (flown and driven time). At each decision a plain way to finish is worked out behind the option that is taken and
+behind the few next best (``outline_kernel``); the best whole plan seen on the way counts, not only the one that the
+network ends with. Where a way to finish was known from the start, the plan is feasible; ``Decoded.certain``
 says so. Where not, some tasks may be left (``Decoded.complete``) and search has to take over.
 """
 
@@ -11,6 +13,7 @@ import math
 import time
 from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -26,6 +29,7 @@ from planner.order import canonical
 from planner.plan import Action
 from planner.policy import decode_kernel as dk
 from planner.policy import tokens_kernel as tk
+from planner.policy.blas import one_thread
 from planner.policy.complete_kernel import copy_work
 from planner.policy.config import PlusConfig
 from planner.policy.decode_kernel import Desk
@@ -38,8 +42,8 @@ from planner.problem import Problem
 
 NEVER, SHUT = np.float32(-1e9), -1e8  # the logit of what is not offered, and what lies above it
 THRIFTY = 5.0  # how much less likely (in logits) an option may be that spares a recharge
+PROBES, PROBE = 4, 5.0  # how many options are probed beside the best, and how much less likely (in logits) they may be
 FORCED = 0.05  # the probability that a forced decision counts with
-FLY, DRIVE = 2e-3, 1e-3  # what a flown and a driven second count beside one of makespan
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +91,7 @@ def cost_of(out: Floats) -> float:
     """What an evaluated plan (``kernel.Work.out``) is compared by, in s; inf where it is infeasible."""
     if out[kernel.O_CODE] != kernel.OK:
         return math.inf
-    return float(out[kernel.O_MAKESPAN] + FLY * out[kernel.O_FLY_S] + DRIVE * out[kernel.O_DRIVE_S])
+    return dk.cost_of(out)
 
 
 def _see(s: State, xy: Floats) -> int:
@@ -103,7 +107,7 @@ class _Seat:
     """One problem with all room to decode it; not to be shared between threads."""
 
     def __init__(self, policy: Policy, problem: Problem, off: tuple[Collection[int], Collection[int]]) -> None:
-        self.weights = policy.weights
+        self.weights, self.look_ahead = policy.weights, policy.look_ahead
         self.s: State = new_state(problem, *off)
         w = self.s.world
         self.n_tasks, self.n_sites, self.n_ugvs = len(w.visited), w.road.shape[1], len(w.ugvs)
@@ -114,6 +118,7 @@ class _Seat:
             np.zeros(2, np.int64),
             self.s.way,
             np.zeros_like(self.s.way),
+            np.zeros(2 * len(self.s.way), np.int64),
         )
         self.room = room(policy.config, self.n_tasks + self.n_sites + len(w.uavs) + self.n_ugvs)
         self.logits = np.zeros(self.n_tasks + self.n_ugvs * self.n_sites + 1, np.float32)
@@ -131,7 +136,7 @@ class _Seat:
         tk.start(s.world, s.work, s.turn)
         self.report[:] = 0.0
         self.report[dk.D_DOUBT] = 1.0
-        self.report[dk.D_ALONE_S] = math.inf
+        self.report[dk.D_ALONE_S] = self.report[dk.D_BEST_COST] = math.inf
         self.take(0, -1)
 
     @property
@@ -157,6 +162,15 @@ class _Seat:
         left = int(self.s.view.counts[0])
         return int(self.s.view.tasks[place]) if place < left else place - left + self.n_tasks
 
+    def _probe(self, u: int, some: NDArray[np.float32]) -> None:
+        """Looks what ways to finish are behind the options next to the best."""
+        s = self.s
+        least = max(SHUT, float(some.max()) - PROBE)
+        for place in np.argsort(-some, kind="stable")[1 : 1 + PROBES].tolist():
+            if some[place] <= least:
+                return
+            dk.probe(s.world, s.work, s.turn, self.desk, u, self.option(place), s.acts, self.report)
+
     def run(self, xy: Floats, heat: float = 0.0, rng: np.random.Generator | None = None) -> None:
         """Decodes from the present state to the end: the largest logits, or with Gumbel noise a sample."""
         report = self.report
@@ -169,6 +183,8 @@ class _Seat:
                 values = some + heat * rng.gumbel(size=len(some)).astype(np.float32)
             total, thrifty = None, report[dk.D_ALONE_S] < math.inf
             whole, first = some.copy(), values.copy()
+            if self.look_ahead:
+                self._probe(u, some)
             while True:
                 place = int(values.argmax())
                 if thrifty and (some[place] <= SHUT or some[place] < whole.max() - THRIFTY):
@@ -189,12 +205,17 @@ class _Seat:
                     break
                 some[place] = values[place] = NEVER
 
-    def result(self, sure: bool) -> Decoded:
-        k, r = self.s.work, self.report
-        kernel.total(self.s.world, k)
+    def result(self, sure: bool, *, whole: bool = True) -> Decoded:
+        """The present plan; with ``whole`` a better one, if one was known on the way."""
+        world, k, r = self.s.world, self.s.work, self.report
+        codes = self.s.acts[: int(r[dk.D_ACTIONS])]
+        kernel.total(world, k)
+        if whole and self.look_ahead and r[dk.D_BEST_COST] < cost_of(k.out):
+            codes, k = self.desk.best[: int(r[dk.D_BEST_N])], self.s.space
+            kernel.run(world, k, codes, len(codes), math.inf, self.s.turn.rows)
         cost = cost_of(k.out)
         return Decoded(
-            self.s.acts[: int(r[dk.D_ACTIONS])].copy(),
+            codes.copy(),
             float(k.out[kernel.O_MAKESPAN]),
             cost,
             cost < math.inf,
@@ -229,7 +250,7 @@ class _Seat:
         s.turn.done[:], s.turn.row[:] = node.done, node.row
         s.acts[: len(node.acts)] = node.acts
         self.desk.way[:] = node.way
-        self.report[:] = node.report
+        self.report[: dk.D_BEST_N] = node.report[: dk.D_BEST_N]  # the best plan known stays known
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,17 +267,33 @@ class _Node:
 
 
 class Policy:
-    """Network ``plus`` with its weights, ready to plan. Threads may share it."""
+    """Network ``plus`` with its weights, ready to plan. Threads may share it.
 
-    def __init__(self, config: PlusConfig, tensors: Tensors, domain: Domain | None = None) -> None:
+    Attributes:
+        config: the network's.
+        weights: as the kernel takes them.
+        domain: what was seen in training.
+        look_ahead: whether plain ways to finish count as plans; False leaves all to the network.
+    """
+
+    def __init__(
+        self, config: PlusConfig, tensors: Tensors, domain: Domain | None = None, *, look_ahead: bool = True
+    ) -> None:
         """Takes the weights as ``state_dict`` names them, and what was seen in training.
 
         Raises:
             PlannerError: where the weights do not fit ``config``.
         """
         self.config = config
+        self.look_ahead = look_ahead
         self.weights: Weights = plus_weights(config, tensors)
         self.domain = domain
+
+    def alone(self) -> Policy:
+        """The same network, left alone: no plan but its own counts."""
+        other = copy(self)
+        other.look_ahead = False
+        return other
 
     @classmethod
     def load(cls, path: Path, sha256: str | None = None) -> Policy:
@@ -287,6 +324,7 @@ class Policy:
         tk.start(s.world, s.work, s.turn)
         return None if _see(s, s.xy) < 0 else self.domain.outside(s.view)
 
+    @one_thread
     def greedy(
         self,
         problem: Problem,
@@ -303,6 +341,7 @@ class Policy:
         seat = _Seat(self, problem, (exclude_uavs, exclude_ugvs))
         return _best_of([seat.plan(k) for k in range(symmetries)])
 
+    @one_thread
     def sample(
         self,
         problem: Problem,
@@ -341,13 +380,11 @@ class Policy:
                 found.append((i, seat.plan(i % 8, heat, None if i < 8 else seed * 1_000_003 + i)))
             return found
 
-        if threads <= 1:
-            plans = some(0)
-        else:
-            with ThreadPoolExecutor(threads) as pool:
-                plans = [x for part in pool.map(some, range(threads)) for x in part]
+        with ThreadPoolExecutor(max(1, threads)) as pool:
+            plans = [x for part in pool.map(some, range(threads)) for x in part]
         return _best_of([plan for _, plan in sorted(plans, key=lambda x: x[0])])
 
+    @one_thread
     def beam(
         self,
         problem: Problem,
@@ -383,7 +420,7 @@ class Policy:
         sure = bool(seat.report[dk.D_CERTAIN])
         nodes = [seat.keep(math.inf)]
         seat.run(xy)
-        best = seat.result(sure)
+        best = seat.result(sure, whole=False)
         decisions = best.decisions
         while nodes and time.perf_counter() - begun < time_s:
             children: dict[bytes, _Node] = {}
@@ -409,12 +446,12 @@ class Policy:
                     child = seat.keep(math.inf)
                     seat.report[dk.D_DECISIONS] = 0
                     seat.run(xy)
-                    end = seat.result(sure)
+                    end = seat.result(sure, whole=False)
                     decisions += end.decisions
                     best = min(best, end, key=lambda x: x.cost)
                     children.setdefault(child.acts.tobytes() + child.done.tobytes(), replace(child, cost=end.cost))
             nodes = sorted(children.values(), key=lambda x: x.cost)[:width]
-        return replace(best, decisions=decisions)
+        return replace(min(best, seat.result(sure), key=lambda x: x.cost), decisions=decisions)
 
 
 @cache

@@ -10,14 +10,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planner.kernel import KIND, MASK, MEET, O_MAKESPAN, VEHICLE, Codes, Floats, Ints, Work, World
+from planner.kernel import KIND, MASK, MEET, O_DRIVE_S, O_FLY_S, O_MAKESPAN, VEHICLE, Codes, Floats, Ints, Work, World
 from planner.policy.complete_kernel import complete, copy_work
 from planner.policy.jit import jit
 from planner.policy.tokens_kernel import Turn, apply, code_of
 
-# entries of `report`
-D_ACTIONS, D_CERTAIN, D_DECISIONS, D_REFUSED, D_FORCED, D_CHOSEN, D_LOG_P, D_DOUBT, D_ALONE_S = range(9)
-REPORT = 9
+# entries of `report`; the last two are about all that was tried, not about the plan under way
+(
+    D_ACTIONS, D_CERTAIN, D_DECISIONS, D_REFUSED, D_FORCED, D_CHOSEN, D_LOG_P, D_DOUBT, D_ALONE_S, D_BEST_N, D_BEST_COST
+) = range(11)  # fmt: skip
+REPORT = 11
+FLY, DRIVE = 2e-3, 1e-3  # what a flown and a driven second count beside one of makespan
 
 
 class Desk(NamedTuple):
@@ -29,6 +32,7 @@ class Desk(NamedTuple):
         hint: (2,).
         way: a way to finish, -1 behind it, (most actions,).
         spare: room for another, (most actions,).
+        best: the best whole plan known, actions so far and a way behind them, (2 * most actions,).
     """
 
     space: Work
@@ -37,6 +41,45 @@ class Desk(NamedTuple):
     hint: Codes
     way: Codes
     spare: Codes
+    best: Codes
+
+
+@jit
+def cost_of(out: Floats) -> float:
+    """What a feasible plan with the results ``kernel.Work.out`` is compared by, in s."""
+    return float(out[O_MAKESPAN] + FLY * out[O_FLY_S] + DRIVE * out[O_DRIVE_S])
+
+
+@jit
+def probe(world: World, work: Work, turn: Turn, desk: Desk, u: int, option: int, acts: Codes, report: Floats) -> None:
+    """Looks what a way to finish behind an option would be worth; changes nothing but the best plan known."""
+    n_tasks, n_sites = world.visited.shape[0], world.road.shape[1]
+    n = int(report[D_ACTIONS])
+    copy_work(work, desk.before)
+    desk.row[:] = turn.row
+    if option == n_tasks + world.ugvs.shape[0] * n_sites:
+        turn.done[u] = 1
+    else:
+        acts[n] = code_of(u, option, n_tasks, n_sites)
+        apply(world, work, turn, acts[n])
+        n += 1
+    found = complete(world, work, desk.space, turn, desk.hint, desk.spare)
+    if found >= 0:
+        _remember(desk, acts, n, found, report)
+    turn.done[u] = 0
+    turn.row[:] = desk.row
+    copy_work(desk.before, work)
+
+
+@jit
+def _remember(desk: Desk, acts: Codes, n: int, found: int, report: Floats) -> None:
+    """Keeps the plan so far, ``n`` actions, with the way that was found behind it, if it is the best known."""
+    cost = cost_of(desk.space.out)
+    if cost < report[D_BEST_COST]:
+        report[D_BEST_COST] = cost
+        desk.best[:n] = acts[:n]
+        desk.best[n : n + found] = desk.spare[:found]
+        report[D_BEST_N] = n + found
 
 
 @jit
@@ -54,7 +97,8 @@ def take(
 ) -> bool:
     """Takes an option where a way to finish is known behind it, or where none is known anyway; else changes nothing.
 
-    ``report[D_ALONE_S]`` is the makespan of the way that is known where it needs no recharge any more, else inf.
+    The best plan that is known so far is kept in ``desk.best``, whatever is taken later. ``report[D_ALONE_S]`` is the
+    makespan of the way that is known where it needs no recharge any more, else inf.
 
     Args:
         world: the problem.
@@ -96,6 +140,8 @@ def take(
         acts[n] = code_of(u, option, n_tasks, n_sites)
         apply(world, work, turn, acts[n])
     found = complete(world, work, desk.space, turn, desk.hint, desk.spare)
+    if found >= 0:
+        _remember(desk, acts, n + 1 if option >= 0 and not ends else n, found, report)
     alone_s = desk.space.out[O_MAKESPAN] if found >= 0 else np.inf
     for i in range(found):
         if desk.spare[i] >> KIND == MEET:

@@ -21,6 +21,7 @@ NAMES: Mapping[str, tuple[str, ...]] = {
         "x", "y", "distance", "distance to the nearest site", "energy to spare after the visit", "visit offered",
         "lead of another UAV", "UAVs that are there first", "nearest other task", "second nearest other task",
         "tasks near", "tasks around", "energy to spare back at a UGV", "end of the visit",
+        "in its outlined route", "place in that route", "first in another UAV's route",
     ),
     "site": (
         "x", "y", "distance", "energy to spare on arrival", "meeting offered", "soonest UGV", "least wait",
@@ -30,6 +31,7 @@ NAMES: Mapping[str, tuple[str, ...]] = {
         "x", "y", "distance", "energy", "ready", "distance to the nearest site", "acts now", "speed", "range",
         "tasks for each UAV", "power when waiting", "service time", "nearest task", "full", "tasks left", "UAVs",
         "behind the latest", "meetings in a row", "before the makespan", "done offered", "last task",
+        "end of its outlined route", "charges that route lacks", "tasks of that route", "ahead of the outlined end",
     ),
     "ugv": (
         "x", "y", "distance", "there", "free to leave", "driving time left", "charges left", "speed", "charging time",

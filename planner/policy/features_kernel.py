@@ -2,7 +2,8 @@
 
 Everything is told from the UAV whose turn it is: positions relative to it, in units of its range per charge; times from
 its being ready, in units of the flight of that range; energies in units of what it may use. So neither scale nor place
-of a map matters, nor what time it is. Values are cut off at ``CUT``.
+of a map matters, nor what time it is. Values are cut off at ``CUT``. Tasks and UAVs also tell which routes a plain
+heuristic would give to whom (``outline_kernel``).
 
 The graph is the paper's (section "Approach"), as it stands at the decision: tasks that are left, sites (path points and
 the depot), UAVs that still act, UGVs. The UAV whose turn it is comes first among the UAVs.
@@ -39,6 +40,7 @@ from planner.kernel import (
     World,
 )
 from planner.policy.jit import jit
+from planner.policy.outline_kernel import A_CHARGE, T_END, outline, short_j
 from planner.policy.tokens_kernel import (
     P_ARRIVE,
     P_CHARGE,
@@ -56,7 +58,7 @@ from planner.policy.tokens_kernel import (
 Singles = NDArray[np.float32]
 Indices = NDArray[np.int32]
 
-N_TASK, N_SITE, N_UAV, N_UGV, N_PAIR = 14, 12, 21, 14, 11
+N_TASK, N_SITE, N_UAV, N_UGV, N_PAIR = 17, 12, 25, 14, 11
 CUT = 5.0
 NEAR, AROUND = 0.12, 0.3  # radii in ranges for counting tasks
 
@@ -139,6 +141,17 @@ def fill_view(world: World, work: Work, turn: Turn, u: int, xy: Floats, reach: F
             active += 1
             latest = max(latest, work.us[v, 0])
 
+    outline(world, work, turn)
+    plain = turn.outline
+    owner = np.zeros(n_tasks, np.int32)
+    place = np.zeros(n_tasks, np.int32)
+    end = now
+    for v in range(n_uavs):
+        end = max(end, plain.state[v, T_END])
+        for i in range(plain.sizes[v]):
+            owner[plain.routes[v, i]] = v
+            place[plain.routes[v, i]] = i
+
     for i in range(left):
         m = out.tasks[i]
         away = world.dist[here, m]
@@ -181,6 +194,9 @@ def fill_view(world: World, work: Work, turn: Turn, u: int, xy: Floats, reach: F
         row[11] = around / left
         row[12] = _cut(back)
         row[13] = _cut((arrive + me[U_SERVICE] - latest) / unit_s)
+        row[14] = owner[m] == u
+        row[15] = 1.0 / (1.0 + place[m]) if owner[m] == u else 0.0
+        row[16] = owner[m] != u and place[m] == 0
 
     for p in range(n_sites):
         node = n_tasks + p
@@ -248,6 +264,12 @@ def fill_view(world: World, work: Work, turn: Turn, u: int, xy: Floats, reach: F
         row[18] = _cut((work.sums[S_MAKESPAN] - work.us[v, 0]) / unit_s)
         row[19] = turn.may_end[0]
         row[20] = left == 1
+        row[21] = _cut((plain.state[v, T_END] - now) / unit_s)
+        row[22] = _cut(
+            short_j(world.near, plain.uavs, plain.routes, plain.sizes, plain.state, v) / plain.uavs[v, A_CHARGE]
+        )
+        row[23] = _cut(0.1 * plain.sizes[v])
+        row[24] = _cut((end - plain.state[v, T_END]) / unit_s)
         k += 1
 
     for g in range(n_ugvs):

@@ -10,7 +10,7 @@ import numpy as np
 from planner.arrays import arrays_of
 from planner.kernel import Codes, Floats, Work, World
 from planner.policy.features_kernel import N_PAIR, N_SITE, N_TASK, N_UAV, N_UGV, View, reach_m
-from planner.policy.tokens_kernel import DETAILS, Turn
+from planner.policy.tokens_kernel import DETAILS, Outline, Turn
 from planner.problem import Problem
 
 SYMMETRIES = np.array(
@@ -76,6 +76,17 @@ def new_turn(n_tasks: int, n_sites: int, n_uavs: int, n_ugvs: int) -> Turn:
         np.zeros(1, np.uint8),
         np.zeros(1, np.int64),
         np.empty((0, 9)),
+        Outline(
+            np.zeros((n_uavs, n_tasks + 1), np.int32),
+            np.zeros(n_uavs, np.int32),
+            np.zeros((n_uavs, 9)),
+            np.zeros((n_uavs, 2)),
+            np.zeros(n_tasks, np.int32),
+            np.full(n_uavs, -1, np.int32),  # no UAV is there: the routes are of no state yet
+            np.zeros((n_uavs, 2)),
+            np.zeros(n_tasks, np.uint8),
+            np.zeros(n_uavs, np.uint8),
+        ),
     )
 
 

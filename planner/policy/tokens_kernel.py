@@ -62,6 +62,31 @@ P_FLY, P_DRIVE, P_THERE, P_ARRIVE, P_WORK, P_END, P_ENERGY, P_CHARGE, P_LEFT = r
 DETAILS = 9
 
 
+class Outline(NamedTuple):
+    """Routes for what is left, in outline: where recharges would be, and whom they would wait for, is left open.
+
+    ``outline_kernel`` fills it in, and says what the columns mean.
+
+    Attributes:
+        routes: of each UAV, (U, n_tasks + 1).
+        sizes: tasks in them, (U,).
+        uavs: what the UAVs can do, (U, 9).
+        state: of the routes, (U, 2).
+        tasks: room, (n_tasks,).
+        node, us, seen, done: the state that the routes are for, as in ``Work`` and ``Turn``.
+    """
+
+    routes: Ints
+    sizes: Ints
+    uavs: Floats
+    state: Floats
+    tasks: Ints
+    node: Ints
+    us: Floats
+    seen: Flags
+    done: Flags
+
+
 class Turn(NamedTuple):
     """What ``Work`` does not know about a plan half made.
 
@@ -74,6 +99,7 @@ class Turn(NamedTuple):
         may_end: 1 where ``done`` is offered, (1,).
         code: room for one action, (1,).
         rows: no details wanted of ``kernel.advance``, (0, 9).
+        outline: routes for the state seen last.
     """
 
     done: Flags
@@ -84,6 +110,7 @@ class Turn(NamedTuple):
     may_end: Flags
     code: Codes
     rows: Floats
+    outline: Outline
 
 
 @jit

@@ -57,7 +57,14 @@ refusals = st.builds(Refusal, commands, name)
 wishes = st.sampled_from(["checked", "arm", "start", "hold", "resume", "recover", "stop"])
 operator = st.builds(OperatorInput, wishes, st.none() | name, st.none() | st.floats(allow_nan=False))
 replies = st.builds(
-    PlanReply, index, st.booleans(), st.lists(actions, max_size=5).map(tuple), name, number, st.none() | name
+    PlanReply,
+    index,
+    st.booleans(),
+    st.lists(actions, max_size=5).map(tuple),
+    name,
+    number,
+    st.none() | name,
+    note=st.none() | name,
 )
 states = st.builds(
     VehicleState, name, number, *([st.booleans()] * 6), battery=st.none() | number, fault=st.none() | name

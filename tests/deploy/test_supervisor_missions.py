@@ -527,6 +527,16 @@ def test_a_reply_must_be_better_by_the_wanted_share(ratio: float, adopted: bool)
     assert bool(w.told(K.PLAN_ADOPTED)) is adopted and w.state.phase is M.DONE and all(w.state.visited)
 
 
+def test_what_a_reply_says_of_itself_is_told_with_the_plan() -> None:
+    def noted(request: PlanRequest) -> PlanReply:
+        return replace(actions_of(*detour(0))(request), note="search took over: no weights")
+
+    of = world.problem(n_uavs=1, n_ugvs=0, n_tasks=4, capacity_j=200_000.0)
+    settings = world.settings(of=of)
+    w = World(settings, world.plan(settings, detour(3)), noted).fly()
+    assert w.told(K.PLAN_ADOPTED)[0].text.endswith("; search took over: no weights")
+
+
 def test_a_late_reply_is_told_and_still_taken() -> None:
     of = world.problem(n_uavs=1, n_ugvs=0, n_tasks=4, capacity_j=200_000.0)
     settings = world.settings(of=of, monitors={"planner_late_s": 3.0})

@@ -37,7 +37,7 @@ def pools(seed: int, low: float = 0.0, high: float = 1.0) -> Pool:
         return rng.uniform(low, high, (3, *shape)).astype(np.float32)
 
     made = Pool(
-        some(4, 14), some(3, 12), some(2, 21), some(1, 14), some(1, 3, 11), some(4, 3),
+        some(4, 17), some(3, 12), some(2, 25), some(1, 14), some(1, 3, 11), some(4, 3),
         np.array([[4, 3, 2, 1, 1], [3, 3, 1, 1, 0], [1, 3, 1, 1, 0]], np.int32), np.zeros(3, np.int32),
     )  # fmt: skip
     made.task[2, 1:] = 99.0  # padding
@@ -80,7 +80,7 @@ def test_a_domain_is_read_as_it_was_written() -> None:
         Domain.of([])
     with pytest.raises(PlannerError, match="incomplete"):
         Domain.from_json({"task": [[0], [1]]})
-    with pytest.raises(PlannerError, match=r"uav is \(2, 3\); it should be \(2, 21\)"):
+    with pytest.raises(PlannerError, match=r"uav is \(2, 3\); it should be \(2, 25\)"):
         Domain.from_json({**domain.to_json(), "uav": [[0, 0, 0], [1, 1, 1]]})
 
 
@@ -89,6 +89,7 @@ def test_a_domain_is_read_as_it_was_written() -> None:
     [
         ({"decode": "magic"}, "option decode is 'magic'; choose one of greedy, sample, beam"),
         ({"polish": 1}, "option polish is 1; give true or false"),
+        ({"look_ahead": "no"}, "option look_ahead is 'no'; give true or false"),
         ({"weights": 3}, "option weights is 3; give a file"),
         ({"magic": 1}, "method 'copcs' has no option 'magic'"),
         ({"hot": -1.0}, "option hot is -1.0; give a number above 0"),
@@ -177,7 +178,7 @@ SURE = 300.0
 @pytest.mark.slow
 def test_search_goes_on_from_the_policys_plan(tmp_path: Path) -> None:
     file = str(weights_file(tmp_path, SURE))
-    problem = preset("T15-P5", (2, 1), 3)
+    problem = preset("T15-P5", (2, 1), 2)
     bare = solve(problem, Stop(iterations=0), 0, Params("copcs", options={"weights": file, "polish": False})).plan
     assert bare.feasible
     assert bare.note is None
@@ -218,7 +219,7 @@ def test_search_takes_over_where_the_policy_is_unsure(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_search_takes_over_where_the_problem_is_unlike_the_training_data(tmp_path: Path) -> None:
     file = str(weights_file(tmp_path, SURE, Domain.of([pools(0)])))
-    problem, stop = preset("T15-P5", (2, 1), 3), Stop(iterations=2_000)
+    problem, stop = preset("T15-P5", (2, 1), 2), Stop(iterations=2_000)
     plan = solve(problem, stop, 5, Params("copcs", options={"weights": file})).plan
     assert plan.note is not None
     assert plan.note.startswith("search took over: the network was trained on other problems (")

@@ -142,6 +142,18 @@ def test_whatever_the_weights_plans_are_feasible(policy: Policy, team: tuple[int
             assert schedule.makespan_s == pytest.approx(found.makespan_s)
 
 
+def test_looking_ahead_never_makes_a_plan_worse(policy: Policy) -> None:
+    better = 0
+    for seed in range(6):
+        problem = preset("T15-P5", (2, 2), seed)
+        found, bare = policy.greedy(problem), policy.alone().greedy(problem)
+        assert (found.decisions, found.chosen, found.log_p) == (bare.decisions, bare.chosen, bare.log_p)  # the same way
+        assert found.cost <= bare.cost
+        better += found.cost < bare.cost
+        assert evaluate(problem, bare.actions(problem)).violation is None
+    assert better >= 3
+
+
 def test_sampling_and_beam_find_better_plans(policy: Policy) -> None:
     problem = preset("T15-P5", (2, 1), 3)
     one = policy.greedy(problem)
@@ -259,7 +271,7 @@ def test_training_learns_and_goes_on_where_it_stopped(tmp_path: Path, examples: 
 def test_search_improves_what_the_policy_plans(tmp_path: Path, policy: Policy, monkeypatch: pytest.MonkeyPatch) -> None:
     problem = data_set("T15-P5_2-2").instance(1_003)
     bare = policy.greedy(problem, symmetries=8)
-    whole, later = improved(policy, problem, 3, 3_000)
+    whole, later = improved(policy, problem, 4, 3_000)
     assert whole.makespan_s < bare.makespan_s
     assert not whole.world.visited.any()
     assert later.world.visited.any()
