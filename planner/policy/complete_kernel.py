@@ -39,8 +39,9 @@ from planner.kernel import (
     total,
 )
 from planner.policy.jit import jit
-from planner.policy.outline_kernel import alone, staged
-from planner.policy.tokens_kernel import DETAILS, P_END, Turn, after_visit, rendezvous
+from planner.policy.outline_kernel import alone
+from planner.policy.staged_kernel import staged
+from planner.policy.tokens_kernel import DETAILS, P_END, Turn, acting, after_visit, rendezvous
 
 
 @jit
@@ -223,6 +224,8 @@ def complete(world: World, work: Work, space: Work, turn: Turn, hint: Codes, act
         acts: room for at least 4 actions per task and 64 more.
     """
     if work.sums[kernel.S_CODE] != kernel.OK:
+        return -1
+    if work.sums[S_LEFT] > 0 and acting(work, turn) < 0:
         return -1
     n = alone(world, work, turn, acts)
     if n >= 0:

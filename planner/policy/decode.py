@@ -57,9 +57,10 @@ class Decoded:
         complete: every task is visited and no rule is broken.
         certain: a way to finish was known at every step.
         decisions: of the network, over all attempts.
-        refused: options of this plan that were turned down as no way to finish was found behind them.
-        forced: decisions of this plan that were taken from that way.
-        chosen: decisions of this plan that the network took.
+        refused: options that were turned down while the network's own plan was decoded (this one, or the one that a
+            plain way to finish turned into this one).
+        forced: decisions of the network's own plan that were taken from a known way to finish.
+        chosen: decisions of that plan that the network took.
         log_p: log-probability of these.
         doubt: the least probability of a choice.
     """
@@ -78,7 +79,7 @@ class Decoded:
 
     @property
     def sure(self) -> float:
-        """Geometric mean of the probabilities of all decisions of this plan; forced ones count as improbable."""
+        """Geometric mean of the probabilities of its own plan's decisions; forced ones count as improbable."""
         n = self.chosen + self.forced
         return math.exp((self.log_p + self.forced * math.log(FORCED)) / n) if n else 1.0
 
@@ -107,6 +108,7 @@ class _Seat:
     """One problem with all room to decode it; not to be shared between threads."""
 
     def __init__(self, policy: Policy, problem: Problem, off: tuple[Collection[int], Collection[int]]) -> None:
+        one_thread()
         self.weights, self.look_ahead = policy.weights, policy.look_ahead
         self.s: State = new_state(problem, *off)
         w = self.s.world
@@ -162,13 +164,15 @@ class _Seat:
         left = int(self.s.view.counts[0])
         return int(self.s.view.tasks[place]) if place < left else place - left + self.n_tasks
 
-    def _probe(self, u: int, some: NDArray[np.float32]) -> None:
-        """Looks what ways to finish are behind the options next to the best."""
+    def _probe(self, u: int, some: NDArray[np.float32], taken: int) -> None:
+        """Looks what ways to finish are behind the most probable options beside the one that is taken."""
         s = self.s
         least = max(SHUT, float(some.max()) - PROBE)
-        for place in np.argsort(-some, kind="stable")[1 : 1 + PROBES].tolist():
+        for place in np.argsort(-some, kind="stable")[: 1 + PROBES].tolist():
             if some[place] <= least:
                 return
+            if place == taken:
+                continue
             dk.probe(s.world, s.work, s.turn, self.desk, u, self.option(place), s.acts, self.report)
 
     def run(self, xy: Floats, heat: float = 0.0, rng: np.random.Generator | None = None) -> None:
@@ -184,7 +188,7 @@ class _Seat:
             total, thrifty = None, report[dk.D_ALONE_S] < math.inf
             whole, first = some.copy(), values.copy()
             if self.look_ahead:
-                self._probe(u, some)
+                self._probe(u, some, int(values.argmax()))
             while True:
                 place = int(values.argmax())
                 if thrifty and (some[place] <= SHUT or some[place] < whole.max() - THRIFTY):
@@ -324,7 +328,6 @@ class Policy:
         tk.start(s.world, s.work, s.turn)
         return None if _see(s, s.xy) < 0 else self.domain.outside(s.view)
 
-    @one_thread
     def greedy(
         self,
         problem: Problem,
@@ -341,7 +344,6 @@ class Policy:
         seat = _Seat(self, problem, (exclude_uavs, exclude_ugvs))
         return _best_of([seat.plan(k) for k in range(symmetries)])
 
-    @one_thread
     def sample(
         self,
         problem: Problem,
@@ -380,11 +382,13 @@ class Policy:
                 found.append((i, seat.plan(i % 8, heat, None if i < 8 else seed * 1_000_003 + i)))
             return found
 
-        with ThreadPoolExecutor(max(1, threads)) as pool:
-            plans = [x for part in pool.map(some, range(threads)) for x in part]
+        if threads <= 1:
+            plans = some(0)
+        else:
+            with ThreadPoolExecutor(threads) as pool:
+                plans = [x for part in pool.map(some, range(threads)) for x in part]
         return _best_of([plan for _, plan in sorted(plans, key=lambda x: x[0])])
 
-    @one_thread
     def beam(
         self,
         problem: Problem,
@@ -451,7 +455,12 @@ class Policy:
                     best = min(best, end, key=lambda x: x.cost)
                     children.setdefault(child.acts.tobytes() + child.done.tobytes(), replace(child, cost=end.cost))
             nodes = sorted(children.values(), key=lambda x: x.cost)[:width]
-        return replace(min(best, seat.result(sure), key=lambda x: x.cost), decisions=decisions)
+        known = seat.result(sure)
+        if known.cost < best.cost:  # how sure the network is, is still told of its own plan
+            best = replace(
+                best, codes=known.codes, makespan_s=known.makespan_s, cost=known.cost, complete=known.complete
+            )
+        return replace(best, decisions=decisions)
 
 
 @cache

@@ -57,6 +57,7 @@ def probe(world: World, work: Work, turn: Turn, desk: Desk, u: int, option: int,
     n = int(report[D_ACTIONS])
     copy_work(work, desk.before)
     desk.row[:] = turn.row
+    u_hint, g_hint = desk.hint
     if option == n_tasks + world.ugvs.shape[0] * n_sites:
         turn.done[u] = 1
     else:
@@ -69,6 +70,7 @@ def probe(world: World, work: Work, turn: Turn, desk: Desk, u: int, option: int,
     turn.done[u] = 0
     turn.row[:] = desk.row
     copy_work(desk.before, work)
+    desk.hint[0], desk.hint[1] = u_hint, g_hint
 
 
 @jit

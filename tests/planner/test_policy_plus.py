@@ -185,6 +185,13 @@ def test_lost_vehicles_take_no_part(policy: Policy) -> None:
     assert schedule.violation is None
 
 
+def test_where_nobody_is_left_nothing_is_planned(policy: Policy) -> None:
+    problem = preset("T15-P5", (2, 1), 1)
+    found = policy.greedy(problem, exclude_uavs=(0, 1))
+    assert not found.complete
+    assert len(found.codes) == 0
+
+
 def test_weights_files(tmp_path: Path) -> None:
     _, tensors = network()
     path = tmp_path / "w.safetensors"
