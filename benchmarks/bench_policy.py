@@ -24,13 +24,14 @@ import torch
 from planner import kernel
 from planner.instances import data_set
 from planner.policy import tokens_kernel as tk
+from planner.policy.complete_kernel import complete
 from planner.policy.config import PlusConfig
 from planner.policy.decode import Policy
 from planner.policy.features_kernel import fill_view
 from planner.policy.plus_kernel import logits
 from planner.policy.plus_net import Batch, PlusNet
 from planner.policy.shipped import FOLDER, NAME
-from planner.policy.state import new_state
+from planner.policy.state import State, new_state
 from planner.policy.weights import plus_weights, read, room
 from planner.problem import Problem
 from planner.schedule import evaluate
@@ -40,8 +41,8 @@ NAMES = ("task", "site", "uav", "ugv", "pair", "drive", "counts")
 
 
 def decisions(problem: Problem, policy: Policy) -> list[tuple[np.ndarray, ...]]:
-    """What the network sees at each decision of a greedy plan."""
-    plan = policy.greedy(problem).codes.tolist()
+    """What the network sees at each decision of its own greedy plan."""
+    plan = policy.alone().greedy(problem).codes.tolist()
     s = new_state(problem)
     tk.start(s.world, s.work, s.turn)
     found = []
@@ -145,14 +146,19 @@ class Plain(torch.nn.Module):
         return out
 
 
+def plan(policy: Policy, problem: Problem) -> None:
+    """From problem to schedule; nothing of the problem is known from before."""
+    new = replace(problem)
+    evaluate(new, policy.greedy(new).actions(new))
+
+
 def rate(weights: Path, name: str, least_s: float) -> float:
     """Whole greedy plans per second of one process."""
     policy, problem = Policy.load(weights), data_set(name).instance(900)
     policy.greedy(problem)
     begun, n = time.perf_counter(), 0
     while (took := time.perf_counter() - begun) < least_s:
-        new = replace(problem)
-        evaluate(new, policy.greedy(new).actions(new))
+        plan(policy, problem)
         n += 1
     return n / took
 
@@ -202,16 +208,20 @@ def main() -> None:
         if session is not None:
             rows["ONNX Runtime"] = clock(session)
         least = flops(config, seen) / speed(config.dim)
-
-        def plan(problem: Problem = problem) -> None:
-            new = replace(problem)  # nothing of it is known from before
-            evaluate(new, policy.greedy(new).actions(new))
-
-        whole = clock(plan)
+        whole = clock(lambda problem=problem: plan(policy, problem))
         print(f"{name}: {n} decisions")
         for what, took in rows.items():
             print(f"  network, {what:14} {1e3 * took:8.2f} ms a plan, {1e6 * took / n:7.0f} us a decision")
         print(f"  network, products alone {1e3 * least:6.2f} ms a plan")
+        s = new_state(problem)
+        tk.start(s.world, s.work, s.turn)
+        hint = np.zeros(2, np.int64)
+
+        def finish(s: State = s, hint: np.ndarray = hint) -> None:
+            s.turn.outline.node[:] = -1  # what was outlined before is forgotten
+            complete(s.world, s.work, s.space, s.turn, hint, s.way)
+
+        print(f"  looking ahead, at first {1e3 * clock(finish, 0.2):6.2f} ms a way to finish")
         print(f"  problem to schedule     {1e3 * whole:7.2f} ms, {1 / whole:6.0f} Hz on one core")
         if not given.random:
             with ProcessPoolExecutor(CORES, multiprocessing.get_context("spawn")) as pool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from deploy import supervisor
@@ -236,9 +236,9 @@ class _Loop:
         schedule = evaluate(
             adopted.problem, adopted.actions, exclude_uavs=adopted.exclude[0], exclude_ugvs=adopted.exclude[1]
         )
-        plan = Plan(adopted.actions, schedule, "search")
-        if reply is not None:
-            plan = replace(plan, method=reply.method, planning_s=reply.planning_s, note=reply.note)
+        made = (reply.method, reply.planning_s, reply.note) if reply is not None else ("search", None, None)
+        method, took_s, note = made
+        plan = Plan(adopted.actions, schedule, method, took_s, note=note)
         reason = next((e.text for e in events if e.kind == "plan_adopted"), "")
         self.observer.plan(plan, self.now_s, adopted.at_s, reason, adopted.problem)
 

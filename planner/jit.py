@@ -26,7 +26,8 @@ def compiled(function: F, text: str, **options: Any) -> F:
 
     numba notices changes of a function's own file only, not of compiled functions in other files that it calls; a
     stale copy of the evaluator inside the search would plan by outdated rules. So the cache is bound to the text of all
-    kernel files as well.
+    kernel files as well, beside numba's version: of a cache with another one nothing more is read, and it may name
+    classes that are not there any more.
 
     Args:
         function: what to compile.
@@ -35,8 +36,8 @@ def compiled(function: F, text: str, **options: Any) -> F:
     """
     made = njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     cache_file = getattr(getattr(made, "_cache", None), "_cache_file", None)
-    if cache_file is not None and hasattr(cache_file, "_source_stamp"):
-        cache_file._source_stamp = (cache_file._source_stamp, text)
+    if cache_file is not None and hasattr(cache_file, "_version"):
+        cache_file._version = f"{cache_file._version} {text}"
     return cast(F, made)
 
 

@@ -88,13 +88,6 @@ class Decoded:
         return canonical(problem, to_actions(problem, self.codes))
 
 
-def cost_of(out: Floats) -> float:
-    """What an evaluated plan (``kernel.Work.out``) is compared by, in s; inf where it is infeasible."""
-    if out[kernel.O_CODE] != kernel.OK:
-        return math.inf
-    return dk.cost_of(out)
-
-
 def _see(s: State, xy: Floats) -> int:
     """Whose turn it is, -1 if nobody's; its options and its view are filled in."""
     u = tk.acting(s.work, s.turn)
@@ -214,10 +207,10 @@ class _Seat:
         world, k, r = self.s.world, self.s.work, self.report
         codes = self.s.acts[: int(r[dk.D_ACTIONS])]
         kernel.total(world, k)
-        if whole and self.look_ahead and r[dk.D_BEST_COST] < cost_of(k.out):
+        if whole and self.look_ahead and r[dk.D_BEST_COST] < dk.cost_of(k.out):
             codes, k = self.desk.best[: int(r[dk.D_BEST_N])], self.s.space
             kernel.run(world, k, codes, len(codes), math.inf, self.s.turn.rows)
-        cost = cost_of(k.out)
+        cost = dk.cost_of(k.out)
         return Decoded(
             codes.copy(),
             float(k.out[kernel.O_MAKESPAN]),
@@ -280,16 +273,14 @@ class Policy:
         look_ahead: whether plain ways to finish count as plans; False leaves all to the network.
     """
 
-    def __init__(
-        self, config: PlusConfig, tensors: Tensors, domain: Domain | None = None, *, look_ahead: bool = True
-    ) -> None:
+    def __init__(self, config: PlusConfig, tensors: Tensors, domain: Domain | None = None) -> None:
         """Takes the weights as ``state_dict`` names them, and what was seen in training.
 
         Raises:
             PlannerError: where the weights do not fit ``config``.
         """
         self.config = config
-        self.look_ahead = look_ahead
+        self.look_ahead = True
         self.weights: Weights = plus_weights(config, tensors)
         self.domain = domain
 

@@ -10,7 +10,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planner.kernel import KIND, MASK, MEET, O_DRIVE_S, O_FLY_S, O_MAKESPAN, VEHICLE, Codes, Floats, Ints, Work, World
+from planner.kernel import (
+    KIND,
+    MASK,
+    MEET,
+    O_CODE,
+    O_DRIVE_S,
+    O_FLY_S,
+    O_MAKESPAN,
+    OK,
+    VEHICLE,
+    Codes,
+    Floats,
+    Ints,
+    Work,
+    World,
+)
 from planner.policy.complete_kernel import complete, copy_work
 from planner.policy.jit import jit
 from planner.policy.tokens_kernel import Turn, apply, code_of
@@ -46,42 +61,54 @@ class Desk(NamedTuple):
 
 @jit
 def cost_of(out: Floats) -> float:
-    """What a feasible plan with the results ``kernel.Work.out`` is compared by, in s."""
+    """What an evaluated plan (``kernel.Work.out``) is compared by, in s; inf where it is infeasible."""
+    if out[O_CODE] != OK:
+        return np.inf
     return float(out[O_MAKESPAN] + FLY * out[O_FLY_S] + DRIVE * out[O_DRIVE_S])
+
+
+@jit
+def _attempt(
+    world: World, work: Work, turn: Turn, desk: Desk, u: int, option: int, acts: Codes, report: Floats
+) -> tuple[int, int]:
+    """Takes an option (-1: none) and finishes the plan behind it; the best whole plan is kept in ``desk.best``.
+
+    Returns the number of actions so far, and of the way to finish in ``desk.spare``, -1 where none is found.
+    """
+    n_tasks, n_sites = world.visited.shape[0], world.road.shape[1]
+    n = int(report[D_ACTIONS])
+    copy_work(work, desk.before)
+    desk.row[:] = turn.row
+    if option == n_tasks + world.ugvs.shape[0] * n_sites:
+        turn.done[u] = 1
+    elif option >= 0:
+        acts[n] = code_of(u, option, n_tasks, n_sites)
+        apply(world, work, turn, acts[n])
+        n += 1
+    found = complete(world, work, desk.space, turn, desk.hint, desk.spare)
+    if found >= 0 and cost_of(desk.space.out) < report[D_BEST_COST]:
+        report[D_BEST_COST] = cost_of(desk.space.out)
+        report[D_BEST_N] = n + found
+        desk.best[:n] = acts[:n]
+        desk.best[n : n + found] = desk.spare[:found]
+    return n, found
+
+
+@jit
+def _undo(work: Work, turn: Turn, desk: Desk, u: int) -> None:
+    """Goes back to before ``_attempt``."""
+    turn.done[u] = 0
+    turn.row[:] = desk.row
+    copy_work(desk.before, work)
 
 
 @jit
 def probe(world: World, work: Work, turn: Turn, desk: Desk, u: int, option: int, acts: Codes, report: Floats) -> None:
     """Looks what a way to finish behind an option would be worth; changes nothing but the best plan known."""
-    n_tasks, n_sites = world.visited.shape[0], world.road.shape[1]
-    n = int(report[D_ACTIONS])
-    copy_work(work, desk.before)
-    desk.row[:] = turn.row
     u_hint, g_hint = desk.hint
-    if option == n_tasks + world.ugvs.shape[0] * n_sites:
-        turn.done[u] = 1
-    else:
-        acts[n] = code_of(u, option, n_tasks, n_sites)
-        apply(world, work, turn, acts[n])
-        n += 1
-    found = complete(world, work, desk.space, turn, desk.hint, desk.spare)
-    if found >= 0:
-        _remember(desk, acts, n, found, report)
-    turn.done[u] = 0
-    turn.row[:] = desk.row
-    copy_work(desk.before, work)
+    _attempt(world, work, turn, desk, u, option, acts, report)
+    _undo(work, turn, desk, u)
     desk.hint[0], desk.hint[1] = u_hint, g_hint
-
-
-@jit
-def _remember(desk: Desk, acts: Codes, n: int, found: int, report: Floats) -> None:
-    """Keeps the plan so far, ``n`` actions, with the way that was found behind it, if it is the best known."""
-    cost = cost_of(desk.space.out)
-    if cost < report[D_BEST_COST]:
-        report[D_BEST_COST] = cost
-        desk.best[:n] = acts[:n]
-        desk.best[n : n + found] = desk.spare[:found]
-        report[D_BEST_N] = n + found
 
 
 @jit
@@ -114,7 +141,6 @@ def take(
         acts: the plan so far, ``report[D_ACTIONS]`` actions, added to.
         report: counts, by the entries above.
     """
-    n = int(report[D_ACTIONS])
     if force:
         if report[D_CERTAIN] == 0:
             return False
@@ -125,6 +151,7 @@ def take(
         if desk.way[i] < 0:
             turn.done[u] = 1
             return True
+        n = int(report[D_ACTIONS])
         acts[n] = desk.way[i]
         report[D_ACTIONS] = n + 1
         apply(world, work, turn, acts[n])
@@ -132,18 +159,7 @@ def take(
             desk.way[i] = desk.way[i + 1]
             i += 1
         return True
-    n_tasks, n_sites = world.visited.shape[0], world.road.shape[1]
-    copy_work(work, desk.before)
-    desk.row[:] = turn.row
-    ends = option == n_tasks + world.ugvs.shape[0] * n_sites
-    if ends:
-        turn.done[u] = 1
-    elif option >= 0:
-        acts[n] = code_of(u, option, n_tasks, n_sites)
-        apply(world, work, turn, acts[n])
-    found = complete(world, work, desk.space, turn, desk.hint, desk.spare)
-    if found >= 0:
-        _remember(desk, acts, n + 1 if option >= 0 and not ends else n, found, report)
+    n, found = _attempt(world, work, turn, desk, u, option, acts, report)
     alone_s = desk.space.out[O_MAKESPAN] if found >= 0 else np.inf
     for i in range(found):
         if desk.spare[i] >> KIND == MEET:
@@ -152,9 +168,7 @@ def take(
     if found >= 0 and wasteful:
         wasteful = desk.space.out[O_MAKESPAN] > report[D_ALONE_S]
     if (found < 0 and report[D_CERTAIN] != 0) or wasteful:
-        turn.done[u] = 0
-        turn.row[:] = desk.row
-        copy_work(desk.before, work)
+        _undo(work, turn, desk, u)
         report[D_REFUSED] += 1
         return False
     if found >= 0:
@@ -162,6 +176,5 @@ def take(
         report[D_ALONE_S] = alone_s
         desk.way[:found] = desk.spare[:found]
         desk.way[found] = -1
-    if option >= 0 and not ends:
-        report[D_ACTIONS] = n + 1
+    report[D_ACTIONS] = n
     return True

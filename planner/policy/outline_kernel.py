@@ -50,12 +50,27 @@ T_METRES, T_END = range(2)
 
 
 @jit
+def _lacks_j(uavs: Floats, near: Floats, u: int, metres: float, n: int, last: int) -> float:
+    """Energy in J that UAV ``u`` lacks for a route of ``n`` tasks and to land; negative where some is left."""
+    return float((metres + near[last]) * uavs[u, A_FLY] + n * uavs[u, A_SERVE] - uavs[u, A_BUDGET])
+
+
+@jit
+def _put(routes: Ints, sizes: Ints, u: int, at: int, m: int) -> None:
+    """Task ``m`` becomes the ``at``-th of a route."""
+    for k in range(sizes[u], at, -1):
+        routes[u, k] = routes[u, k - 1]
+    routes[u, at] = m
+    sizes[u] += 1
+
+
+@jit
 def _end_s(uavs: Floats, near: Floats, u: int, metres: float, n: int, last: int) -> float:
     """When UAV ``u`` ends a route of ``n`` tasks, with the recharges that its energy needs at the least."""
     end = uavs[u, A_TIME] + metres * uavs[u, A_PACE] + n * uavs[u, A_SERVICE]
     if n == 0:
         return float(end)
-    short = (metres + near[last]) * uavs[u, A_FLY] + n * uavs[u, A_SERVE] - uavs[u, A_BUDGET]
+    short = _lacks_j(uavs, near, u, metres, n, last)
     if short <= 0.0:
         return float(end)
     return float(end + short * uavs[u, A_SHORT] + np.ceil(short / uavs[u, A_CHARGE]) * uavs[u, A_RECHARGE])
@@ -109,13 +124,10 @@ def _insert(
                     by = u
             if ends[i, by] > hardest:
                 hardest, who, what = ends[i, by], by, i
-        n, where = sizes[who], places[what, who]
-        for i in range(n, where, -1):
-            routes[who, i] = routes[who, i - 1]
-        routes[who, where] = tasks[what]
-        sizes[who] = n + 1
+        _put(routes, sizes, who, places[what, who], tasks[what])
+        n = sizes[who]
         state[who, T_METRES] += changes[what, who]
-        state[who, T_END] = _end_s(uavs, near, who, state[who, T_METRES], n + 1, routes[who, n])
+        state[who, T_END] = _end_s(uavs, near, who, state[who, T_METRES], n, routes[who, n - 1])
         tasks[what] = tasks[left - 1]
         ends[what] = ends[left - 1]
         places[what] = places[left - 1]
@@ -207,13 +219,10 @@ def _relocate(
     state[u, T_END] = shorter
     if by == u and at > i:
         at -= 1
-    size = sizes[by]
-    for k in range(size, at, -1):
-        routes[by, k] = routes[by, k - 1]
-    routes[by, at] = m
-    sizes[by] = size + 1
+    _put(routes, sizes, by, at, m)
+    n = sizes[by]
     state[by, T_METRES] = metres
-    state[by, T_END] = _end_s(uavs, near, by, metres, size + 1, routes[by, size])
+    state[by, T_END] = _end_s(uavs, near, by, metres, n, routes[by, n - 1])
     return by
 
 
@@ -341,8 +350,7 @@ def short_j(near: Floats, uavs: Floats, routes: Ints, sizes: Ints, state: Floats
     n = sizes[u]
     if n == 0:
         return float(-uavs[u, A_BUDGET])
-    flown = state[u, T_METRES] + near[routes[u, n - 1]]
-    return float(flown * uavs[u, A_FLY] + n * uavs[u, A_SERVE] - uavs[u, A_BUDGET])
+    return _lacks_j(uavs, near, u, state[u, T_METRES], n, routes[u, n - 1])
 
 
 @jit

@@ -18,7 +18,8 @@ from planner.plan import Move, Recharge, Visit
 from planner.policy import tokens_kernel as tk
 from planner.policy.complete_kernel import complete, copy_work
 from planner.policy.config import PaperConfig
-from planner.policy.decode import Decoded, cost_of
+from planner.policy.decode import Decoded
+from planner.policy.decode_kernel import cost_of
 from planner.policy.graph import graph, index_of
 from planner.policy.paper_kernel import offer_all, say
 from planner.policy.paper_numpy import PaperModel

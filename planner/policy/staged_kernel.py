@@ -28,7 +28,7 @@ from planner.kernel import (
     go,
 )  # fmt: skip
 from planner.policy.jit import jit
-from planner.policy.outline_kernel import A_RECHARGE
+from planner.policy.outline_kernel import A_CHARGE, A_RECHARGE
 from planner.policy.tokens_kernel import DETAILS, MEETS_IN_ROW, Turn, after_visit, code_of, rendezvous
 
 
@@ -59,14 +59,13 @@ def _recharge(
     u: int,
     route: Ints,
     again_s: float,
-    stuck: bool,
+    most: float,
     out: Ints,
 ) -> bool:
     """Where on the rest of its route a UAV is best recharged next, by what the UGVs do now; whether anywhere.
 
     Each way to go on is judged by when the route ends: with one recharge there and then, and ``again_s`` for each one
-    that is needed later. Unless the UAV is ``stuck``, a recharge has to spare one later. ``out`` is (tasks before it,
-    UGV, site), (3,).
+    that is needed later, ``most`` at most. ``out`` is (tasks before it, UGV, site), (3,).
     """
     n_sites = road.shape[1]
     n_tasks = dist.shape[1] - n_sites
@@ -79,8 +78,6 @@ def _recharge(
         rest += dist[route[k - 1], route[k]]
     home = near[route[n - 1]]
     at, now, energy = node[u], us[u, 0], us[u, 1]
-    lack = _needs_j(dist, near, uavs, node, u, route) - (energy - reserve)
-    most = np.ceil(lack / usable) - 1.0  # recharges that may still be needed afterwards: this one has to be worth it
     best = np.inf
     for k in range(n):
         for g in range(ugvs.shape[0]):
@@ -107,7 +104,7 @@ def _recharge(
                     continue  # the next task is out of reach from there
                 need = cruise * (metres + rest + home) / speed + serve_j * (n - k)
                 again = max(0.0, np.ceil(need / usable) - 1.0)
-                if again > most and not stuck:
+                if again > most:
                     continue
                 end = begin + ugvs[g, G_DOCK] + charge + ugvs[g, G_UNDOCK]
                 end += (metres + rest) / speed + serve * (n - k)
@@ -158,10 +155,13 @@ def staged(world: World, w: Work, turn: Turn, acts: Codes) -> int:
         reached = after_visit(world, w, u, option) >= -EPS_J
         if at[u] >= until[u] or not reached:
             until[u] = o.sizes[u]
-            if _needs_j(world.dist, world.near, world.uavs, w.node, u, route) > w.us[u, 1] - world.uavs[u, U_RESERVE]:
+            lack = _needs_j(world.dist, world.near, world.uavs, w.node, u, route)
+            lack -= w.us[u, 1] - world.uavs[u, U_RESERVE]
+            if lack > 0.0:
+                # A recharge has to spare one later, unless there is no going on without it.
+                most = np.ceil(lack / o.uavs[u, A_CHARGE]) - 1.0 if reached else np.inf
                 fine = _recharge(world.dist, world.near, world.road, world.uavs, world.ugvs, world.ugv_on, w.node, w.us,
-                                 w.site, w.gs, w.docks, u, route, o.uavs[u, A_RECHARGE],
-                                 not reached, found)  # fmt: skip
+                                 w.site, w.gs, w.docks, u, route, o.uavs[u, A_RECHARGE], most, found)  # fmt: skip
                 if fine and found[0] > 0:
                     until[u] = at[u] + found[0]
                 elif fine and rows[u] < MEETS_IN_ROW and rendezvous(world, w, u, found[1], found[2], details):

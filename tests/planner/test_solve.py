@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from planner import jit, kernel
+from planner import jit
 from planner.errors import PlannerError
 from planner.presets import DEPOT, PRESETS, preset, random_roads
 from planner.solve import METHODS, Params, Stop, solve
@@ -77,6 +81,28 @@ def test_roads_are_shortest_paths() -> None:
         assert (road <= road[:, k, None] + road[None, k, :] + 1e-6).all()
 
 
-def test_machine_code_is_kept_and_bound_to_all_kernels() -> None:
-    cache = kernel.run._cache  # type: ignore[attr-defined]
-    assert cache._cache_file._source_stamp[1] == jit._STAMP
+def test_machine_code_is_kept_until_a_kernel_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(tmp_path))
+    pair = "from typing import NamedTuple\n\nclass Pair(NamedTuple):\n    a: int\n    b: int\n"
+
+    def call(text: str) -> tuple[int, int]:
+        for name in ("pair_before", "pair_after", "adds"):
+            sys.modules.pop(name, None)
+        importlib.invalidate_caches()
+        adds = importlib.import_module("adds")
+        add = jit.compiled(adds.add, text)
+        one = adds.Pair(2, 3)
+        return add(one), sum(add.stats.cache_hits.values())
+
+    (tmp_path / "pair_before.py").write_text(pair)
+    (tmp_path / "adds.py").write_text("from pair_before import Pair\n\ndef add(p):\n    return p.a + p.b\n")
+    assert call("one") == (5, 0)
+    assert call("one") == (5, 1)
+    assert call("two") == (5, 0)
+    # An update moves the class elsewhere: what is kept names one that is gone.
+    (tmp_path / "pair_before.py").write_text("")
+    (tmp_path / "pair_after.py").write_text(pair)
+    (tmp_path / "adds.py").write_text("from pair_after import Pair\n\ndef add(p):\n    return p.a + p.b\n")
+    assert call("three") == (5, 0)
+    assert call("three") == (5, 1)
+    assert len(jit.stamp(jit.HERE)) == 64 and jit.stamp(jit.HERE) != jit.stamp(jit.HERE, jit.HERE / "policy")
