@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from deploy.cli_common import DONE, print_json
 from deploy.display import SteadyConsole
 from deploy.errors import InputError
-from planner.benchmark import Entry, entries, quick, run, write_about
+from planner.benchmark import NETWORKS, Entry, entries, quick, run, write_about
 from planner.benchmark_table import cells, markdown, plot
 from planner.instances import DATA_SETS, TEST, data_set
 
@@ -37,7 +37,7 @@ def benchmark(
         InputError: an option is wrong.
         PlannerError: a data set does not exist, or the results file is another one's.
     """
-    given = _chosen(rows)
+    given = _chosen(rows, measured=table)
     names = [data_set(name.strip()).name for name in sets.split(",")] if sets else [d.name for d in DATA_SETS]
     count = min(instances or len(TEST), len(TEST))
     stem = "quick" if is_quick else "benchmark"
@@ -78,13 +78,23 @@ def benchmark(
     return DONE
 
 
-def _chosen(rows: str | None) -> list[Entry]:
+def _chosen(rows: str | None, measured: bool) -> list[Entry]:
+    """The lines asked for; without networks to measure them with, some only where they are ``measured`` already."""
     every = entries()
     if rows is None:
-        return every
+        without = [e.name for e in every if e.missing() and not measured]
+        if without:
+            print(f"left out, their networks are not in {NETWORKS}: {', '.join(without)}", file=sys.stderr)
+        return [e for e in every if e.name not in without]
     by_name = {e.name: e for e in every}
     wanted: Sequence[str] = [name.strip() for name in rows.split(",")]
     for name in wanted:
         if name not in by_name:
             raise InputError(f"has no row {name!r}; there are {', '.join(by_name)}", key="--rows")
+        if (missing := by_name[name].missing()) and not measured:
+            raise InputError(
+                f"row {name!r} has no network for {', '.join(missing)} in {NETWORKS}; "
+                f"train it: python -m planner.policy.paper_train (docs/policy.md)",
+                key="--rows",
+            )
     return [by_name[name] for name in wanted]

@@ -34,9 +34,10 @@ class Entry:
         name: as in the table; results are kept by it, so another time or option needs another name.
         method: of ``planner.solve``.
         time_s: for a problem of each setup.
+        words: what the table says about it.
         options: of the method.
         instances: of each data set, at most; the first ones.
-        words: what the table says about it.
+        network: "" or the name of networks in ``NETWORKS``, one for each data set.
     """
 
     name: str
@@ -45,11 +46,22 @@ class Entry:
     words: str
     options: Mapping[str, Any] = field(default_factory=dict)
     instances: int = len(TEST)
+    network: str = ""
+
+    def weights(self, data_set_name: str) -> Path:
+        """The file of its network for a data set."""
+        return NETWORKS / f"{self.network}_{data_set_name}.safetensors"
+
+    def missing(self) -> list[str]:
+        """The data sets for which it has no network yet."""
+        return [one.name for one in DATA_SETS if self.network and not self.weights(one.name).exists()]
 
 
+NETWORKS = Path("benchmarks/networks")  # of the paper, and its baseline; see docs/policy.md
 SEARCH_S = {"T15-P5": 1.0, "T45-P10": 5.0}
 PUBLISHED_S = 15.0
 PUBLISHED_COUNT = 20
+EXACT_COUNT = 5
 POLISH_S = 0.3
 BEAM_S = {"T15-P5": 2.0, "T45-P10": 10.0}  # at most; it ends by itself
 _NAMES = {"gls": "guided local search", "ts": "tabu search", "sa": "simulated annealing"}
@@ -62,6 +74,9 @@ def entries() -> list[Entry]:
         Entry("search", "search", SEARCH_S, "ours: annealing over the joint plan"),
         Entry("copcs", "copcs", SEARCH_S, "ours: the network, greedy; ends by itself", bare),
         Entry("copcs-net", "copcs", SEARCH_S, "ours: the same without looking ahead", {**bare, "look_ahead": False}),
+        Entry("paper", "copcs", SEARCH_S, "the paper's network, greedy; one for each data set", bare, network="hgt"),
+        Entry("mlp", "copcs", SEARCH_S, "the paper's MLP baseline, greedy; one for each data set", bare,
+              network="mlp"),
         Entry("copcs+beam", "copcs", BEAM_S, "ours: the network, beam search; ends by itself",
               {**bare, "decode": "beam"}),
         Entry("copcs+search", "copcs", short, f"ours: greedy, then search, {POLISH_S:g} s in all"),
@@ -85,7 +100,7 @@ def entries() -> list[Entry]:
         says = f"OR-Tools {words}, meets UGVs only when needed"
         made.append(Entry(f"{method}-free", method, SEARCH_S, says, free, PUBLISHED_COUNT))
     made.append(
-        Entry("milp", "milp", {"T15-P5": 60.0, "T45-P10": 60.0}, "exact method, 60 s on one core", {}, PUBLISHED_COUNT)
+        Entry("milp", "milp", {"T15-P5": 60.0, "T45-P10": 60.0}, "exact method, 60 s on one core", {}, EXACT_COUNT)
     )
     return made
 
@@ -134,7 +149,8 @@ def measure(name: str, instance: int, entry: Entry) -> Row:
     one = data_set(name)
     _warm_up(entry.method)
     stop = Stop(time_s=entry.time_s[one.setup])
-    plan = solve(one.instance(instance), stop, instance, Params(entry.method, options=entry.options)).plan
+    options = {**entry.options, "weights": str(entry.weights(name))} if entry.network else entry.options
+    plan = solve(one.instance(instance), stop, instance, Params(entry.method, options=options)).plan
     s = plan.schedule
     return Row(
         name, instance, entry.name, entry.method, plan.feasible, s.makespan_s, s.uav_energy_j, s.ugv_energy_j,

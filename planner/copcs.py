@@ -15,7 +15,9 @@ from typing import Any
 
 from planner.errors import PlannerError
 from planner.plan import Action, Plan, Visit
-from planner.policy.decode import Decoded, loaded
+from planner.policy.decode import Decoded
+from planner.policy.networks import network
+from planner.policy.paper_decode import PaperPolicy
 from planner.policy.shipped import shipped
 from planner.problem import Problem
 from planner.schedule import evaluate
@@ -28,7 +30,7 @@ UNSURE = 0.25  # the geometric mean of the decisions' probabilities below which 
 SHARE = 0.2  # of the time, at most, for sampling and for the beam where search follows
 SAMPLES = 64
 BEAM = (2, 3)  # plans kept, options of each
-WARM = 0.4  # of search's first temperature, from the policy's plan: it deserves less trust than one being flown
+WARM = 1.0  # of search's first temperature, from the policy's plan: unlike one being flown, it may be left behind
 LEAST_S = 1e-3  # what search is given when time is up
 
 
@@ -40,7 +42,7 @@ class Options:
         decode: ``greedy``, ``sample`` (the best of some plans) or ``beam`` (the schedule judges half-made plans).
         polish: whether search goes on from the policy's plan. Without, the plan is the policy's whatever it is worth.
         look_ahead: whether plain ways to finish behind the network's options count as plans; False leaves all to it.
-        weights: a weights file instead of the one shipped; "" is that one.
+        weights: a weights file instead of the one shipped; "" is that one. The paper's networks plan ``greedy`` only.
     """
 
     decode: str = "greedy"
@@ -108,9 +110,16 @@ def _policy_plan(
 ) -> tuple[Decoded | None, str | None]:
     """The policy's plan, and why search should take over, if it should."""
     try:
-        policy = loaded(Path(options.weights)) if options.weights else shipped()
+        policy = network(Path(options.weights)) if options.weights else shipped()
     except PlannerError as error:
         return None, str(error)
+    if isinstance(policy, PaperPolicy):
+        if options.decode != "greedy":
+            raise PlannerError(f"option decode is {options.decode!r}; the paper's network plans greedy only")
+        outside = policy.outside(problem)
+        if outside is not None:
+            return None, f"the network was trained on other problems ({outside})"
+        return _judged(policy.greedy(problem, **excluded))
     if not options.look_ahead:
         policy = policy.alone()
     outside = policy.outside(problem, **excluded)
@@ -124,6 +133,11 @@ def _policy_plan(
         found = policy.sample(problem, SAMPLES, seed=seed, time_s=share_s, **excluded)
     else:
         found = policy.greedy(problem, **excluded)
+    return _judged(found, why_not)
+
+
+def _judged(found: Decoded, why_not: str | None = None) -> tuple[Decoded, str | None]:
+    """A plan, and why search should take over, if it should."""
     if not found.complete:
         why_not = "the network's plan leaves tasks out"
     elif not found.sure >= UNSURE:

@@ -15,7 +15,6 @@ from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -452,12 +451,6 @@ class Policy:
                 best, codes=known.codes, makespan_s=known.makespan_s, cost=known.cost, complete=known.complete
             )
         return replace(best, decisions=decisions)
-
-
-@cache
-def loaded(path: Path) -> Policy:
-    """``Policy.load``, once in a program for each file."""
-    return Policy.load(path)
 
 
 def _best_of(plans: list[Decoded]) -> Decoded:

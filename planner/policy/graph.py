@@ -48,8 +48,14 @@ class Graph(NamedTuple):
 
 def fits(problem: Problem, config: PaperConfig) -> bool:
     """Whether a problem has the sizes of the network's data set."""
-    sizes = (problem.n_tasks, len(problem.path_points), len(problem.uavs), len(problem.ugvs))
-    return sizes == (config.n_tasks, config.n_points, config.n_uavs, config.n_ugvs)
+    mine = (problem.n_tasks, len(problem.path_points), len(problem.uavs), len(problem.ugvs))
+    return mine == (config.n_tasks, config.n_points, config.n_uavs, config.n_ugvs)
+
+
+def sizes(config: PaperConfig) -> str:
+    """The sizes of the network's data set, in words."""
+    c = config
+    return f"{c.n_tasks} tasks, {c.n_points} path points, {c.n_uavs} UAVs and {c.n_ugvs} UGVs"
 
 
 def graph(problem: Problem, config: PaperConfig, turn: NDArray[np.float64] | None = None) -> Graph:
@@ -59,10 +65,7 @@ def graph(problem: Problem, config: PaperConfig, turn: NDArray[np.float64] | Non
         PlannerError: where the problem's sizes are not those of the network's data set.
     """
     if not fits(problem, config):
-        raise PlannerError(
-            f"this network plans for {config.n_tasks} tasks, {config.n_points} path points, {config.n_uavs} UAVs and "
-            f"{config.n_ugvs} UGVs only; use network plus, or method search"
-        )
+        raise PlannerError(f"this network plans for {sizes(config)} only; use network plus, or method search")
     xy = positions(problem)
     m, s, u = problem.n_tasks, len(problem.sites), len(problem.uavs)
     low, high = xy[: m + s].min(axis=0), xy[: m + s].max(axis=0)

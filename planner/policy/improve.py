@@ -2,7 +2,8 @@
 
 Two examples come from each instance: the whole problem, where search starts from the best of the policy's plans over
 all orientations; and a moment in the middle of its greedy plan, where search starts from the rest of that plan. The
-second kind shows the policy what to do in states that its own mistakes lead to (as in DAgger, Ross 2011).
+second kind shows the policy what to do in states that its own mistakes lead to (as in DAgger, Ross 2011). With
+``--varied`` the instances get other teams and vehicles first (``planner.policy.varied``).
 
 Chunks of ``CHUNK`` instances, one file each: a run may be interrupted and goes on. Train with ``--more FILES``.
 """
@@ -27,9 +28,10 @@ from planner.errors import PlannerError, exit_on_error
 from planner.instances import SIZE, data_set
 from planner.midway import state_at
 from planner.plan import Action
-from planner.policy.decode import Policy, loaded
+from planner.policy.decode import Policy
 from planner.policy.examples import Example, example, save
 from planner.policy.state import SYMMETRIES
+from planner.policy.varied import varied
 from planner.problem import Problem
 from planner.solve import Params, Stop, solve
 
@@ -37,7 +39,7 @@ CHUNK = 50
 
 
 def improved(policy: Policy, problem: Problem, seed: int, steps: int) -> list[Example]:
-    """Up to two examples from one problem (see above); none where the policy finds no plan.
+    """Up to two examples from one problem (see above); none where neither the policy nor search finds a plan.
 
     Args:
         policy: whose plans are improved.
@@ -46,16 +48,16 @@ def improved(policy: Policy, problem: Problem, seed: int, steps: int) -> list[Ex
         steps: of each search.
     """
     plain = policy.greedy(problem)
-    best = policy.greedy(problem, symmetries=len(SYMMETRIES))
     if not plain.complete:
-        return []
+        return _example(problem, None, seed, steps)
+    best = policy.greedy(problem, symmetries=len(SYMMETRIES))
     found = _example(problem, best.actions(problem), seed, steps)
     share = float(np.random.default_rng([seed, 2]).uniform(0.02, 0.95))
     later, rest = state_at(problem, plain.actions(problem), share * plain.makespan_s)
     return found + _example(later, rest, seed, steps)
 
 
-def _example(problem: Problem, start: Sequence[Action], seed: int, steps: int) -> list[Example]:
+def _example(problem: Problem, start: Sequence[Action] | None, seed: int, steps: int) -> list[Example]:
     plan = solve(problem, Stop(iterations=steps), seed, Params(start=start)).plan
     if not plan.feasible:
         return []
@@ -65,15 +67,16 @@ def _example(problem: Problem, start: Sequence[Action], seed: int, steps: int) -
         return []
 
 
-def make_chunk(out: Path, weights: Path, name: str, first: int, steps: int) -> int:
+def make_chunk(out: Path, weights: Path, name: str, first: int, steps: int, vary: bool) -> int:
     """Writes the examples of instances ``first`` to ``first + CHUNK - 1``; how many there are."""
-    one, policy = data_set(name), loaded(weights)
-    made = (x for i in range(first, first + CHUNK) for x in improved(policy, one.instance(i), i, steps))
-    return save(_file(out, name, first), made, {"data_set": name, "first": first, **_made_with(weights, steps)})
+    one, policy = data_set(name), Policy.load(weights)
+    given = ((i, one.instance(i)) for i in range(first, first + CHUNK))
+    made = (x for i, p in given for x in improved(policy, varied(p, i) if vary else p, i, steps))
+    return save(_file(out, name, first), made, {"data_set": name, "first": first, **_made_with(weights, steps, vary)})
 
 
-def _made_with(weights: Path, steps: int) -> dict[str, Any]:
-    return {"weights": _hash(weights), "steps": steps}
+def _made_with(weights: Path, steps: int, vary: bool) -> dict[str, Any]:
+    return {"weights": _hash(weights), "steps": steps, "varied": vary}
 
 
 @cache
@@ -84,18 +87,19 @@ def _hash(weights: Path) -> str:
         raise PlannerError(f"{weights}: the weights cannot be read: {error.strerror}") from error
 
 
-def _exists(path: Path, weights: Path, steps: int) -> bool:
+def _exists(path: Path, weights: Path, steps: int, vary: bool) -> bool:
     """Whether a chunk is there already.
 
     Raises:
-        PlannerError: where it was made with other weights or steps.
+        PlannerError: where it was made otherwise.
     """
     if not path.exists():
         return False
     with np.load(path) as file:
         about = json.loads(str(file["about"]))
-    if {k: about.get(k) for k in ("weights", "steps")} != _made_with(weights, steps):
-        raise PlannerError(f"{path}: was made with other weights or steps; give another --out, or remove it")
+    made_with = _made_with(weights, steps, vary)
+    if {k: about.get(k, False) for k in made_with} != made_with:
+        raise PlannerError(f"{path}: was made with other weights, steps or problems; give another --out, or remove it")
     return True
 
 
@@ -104,7 +108,15 @@ def _file(out: Path, name: str, first: int) -> Path:
 
 
 def make(
-    out: Path, weights: Path, sets: Sequence[str], first: int, count: int, steps: dict[str, int], jobs: int = 1
+    out: Path,
+    weights: Path,
+    sets: Sequence[str],
+    first: int,
+    count: int,
+    steps: dict[str, int],
+    jobs: int = 1,
+    *,
+    vary: bool = False,
 ) -> Iterator[Path]:
     """Makes the chunks that are missing; yields each as it is done.
 
@@ -116,17 +128,18 @@ def make(
         count: of instances, rounded up to whole chunks.
         steps: of each search, by setup.
         jobs: processes at once.
+        vary: whether the instances get other teams and vehicles.
 
     Raises:
-        PlannerError: where chunks were made with other weights or steps, or weights cannot be read.
+        PlannerError: where chunks were made with other weights, steps or problems, or weights cannot be read.
     """
     todo = [
         (name, start)
         for start in range(first, first + count, CHUNK)
         for name in sets
-        if not _exists(_file(out, name, start), weights, steps[data_set(name).setup])
+        if not _exists(_file(out, name, start), weights, steps[data_set(name).setup], vary)
     ]  # fmt: skip
-    tasks = [(out, weights, name, start, steps[data_set(name).setup]) for name, start in todo]
+    tasks = [(out, weights, name, start, steps[data_set(name).setup], vary) for name, start in todo]
     if jobs <= 1:
         for task, (name, start) in zip(tasks, todo, strict=True):
             make_chunk(*task)
@@ -153,6 +166,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--count", type=int, default=200, help="instances of each data set")
     parser.add_argument("--steps-t15", type=int, default=60_000, help="of each search")
     parser.add_argument("--steps-t45", type=int, default=250_000, help="of each search")
+    parser.add_argument(
+        "--varied", action="store_true", help="with other teams and vehicles: hovering, slow to dock, ..."
+    )
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes at once")
     given = parser.parse_args(arguments)
     sets = [data_set(name.strip()).name for name in given.sets.split(",")]
@@ -163,7 +179,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     with Progress() as bar:
         task = bar.add_task("chunks", total=chunks, completed=have)
-        for _ in make(given.out, given.weights, sets, given.first, given.count, steps, given.jobs):
+        for _ in make(given.out, given.weights, sets, given.first, given.count, steps, given.jobs, vary=given.varied):
             bar.advance(task)
 
 

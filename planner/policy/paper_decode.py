@@ -7,6 +7,7 @@ As with network ``plus``, an action is taken only where a way to serve all that 
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from planner.policy.complete_kernel import complete, copy_work
 from planner.policy.config import PaperConfig
 from planner.policy.decode import Decoded
 from planner.policy.decode_kernel import cost_of
-from planner.policy.graph import graph, index_of
+from planner.policy.graph import fits, graph, index_of, sizes
 from planner.policy.paper_kernel import offer_all, say
 from planner.policy.paper_numpy import PaperModel
 from planner.policy.state import clone, new_state
@@ -52,6 +53,10 @@ class PaperPolicy:
             raise PlannerError(f"{path}: this is no network paper")
         return cls(config, tensors)
 
+    def outside(self, problem: Problem) -> str | None:
+        """In which respect the problem is unlike those that the network can plan for, in words; None where it can."""
+        return None if fits(problem, self.config) else f"its data set has {sizes(self.config)}"
+
     def _number(self, code: int, work: Work) -> int:
         """The number of a way's next action in the list of actions."""
         vehicle, target = code >> kernel.VEHICLE & kernel.MASK, code & kernel.MASK
@@ -62,14 +67,21 @@ class PaperPolicy:
             return index_of(Recharge(vehicle, target), self.config)
         return index_of(Move(target, None if site == self.config.n_points else site), self.config)
 
-    def greedy(self, problem: Problem) -> Decoded:
+    def greedy(
+        self, problem: Problem, *, exclude_uavs: Collection[int] = (), exclude_ugvs: Collection[int] = ()
+    ) -> Decoded:
         """The most probable action at each step.
 
+        Args:
+            problem: the problem.
+            exclude_uavs: indices of UAVs that take no part; the network sees them all the same.
+            exclude_ugvs: likewise of UGVs.
+
         Raises:
-            PlannerError: where the problem's sizes are not the network's.
+            PlannerError: where the problem's sizes are not the network's, or an excluded vehicle does not exist.
         """
         saying = self.model.begin(self.model.encode(graph(problem, self.config)))
-        s = new_state(problem)
+        s = new_state(problem, exclude_uavs, exclude_ugvs)
         world, work, turn = s.world, s.work, s.turn
         tk.start(world, work, turn)
         before = clone(work)

@@ -39,7 +39,7 @@ def test_rows_of_the_table() -> None:
     assert len(set(names)) == len(names)
     assert {"search", "gls", "ts", "sa", "gls-15s", "ts-15s", "sa-15s", "milp"} <= set(names)
     assert all(e.method in KNOWN and set(e.time_s) == set(PRESETS) for e in every)
-    assert all(e.instances >= 20 for e in every)
+    assert all(e.instances >= 20 for e in every if e.method != "milp")
     assert {e.method for e in quick(every)} == {e.method for e in every}
     assert sum(8 * max(e.time_s.values()) * e.instances for e in quick(every)) < 60
 
@@ -111,7 +111,7 @@ def test_other_files_are_refused(tmp_path) -> None:
     assert read_rows(tmp_path / "none.csv") == []
 
 
-def test_command(tmp_path) -> None:
+def test_command(tmp_path, monkeypatch) -> None:
     args = ["benchmark", "--quick", "--rows", "search,gls", "--sets", SETS[1], "--out", str(tmp_path)]
     result = CliRunner().invoke(app, args)
     assert result.exit_code == 0, result.output
@@ -128,6 +128,11 @@ def test_command(tmp_path) -> None:
     assert len(read_rows(tmp_path / "benchmark.csv")) == 2 and not (tmp_path / "benchmark.json").exists()
     nothing = CliRunner().invoke(app, [*args[:-1], str(tmp_path / "empty")])
     assert nothing.exit_code == 2 and "--table" in nothing.output
+    monkeypatch.chdir(tmp_path)
+    none = CliRunner().invoke(app, ["benchmark", "--rows", "mlp"])
+    assert none.exit_code == 2
+    assert "has no network for T15-P5_1-1, " in (said := " ".join(none.output.split()))
+    assert "train it: python -m planner.policy.paper_train" in said
     wrong = CliRunner().invoke(app, ["benchmark", "--rows", "magic", "--out", str(tmp_path)])
     assert wrong.exit_code == 2
     wrong = CliRunner().invoke(app, ["benchmark", "--sets", "magic", "--out", str(tmp_path)])

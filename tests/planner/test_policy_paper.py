@@ -12,7 +12,7 @@ import torch
 from planner.errors import PlannerError
 from planner.instances import data_set
 from planner.labels import in_order
-from planner.plan import Action
+from planner.plan import Action, Visit
 from planner.policy import tokens_kernel as tk
 from planner.policy.config import PaperConfig
 from planner.policy.graph import POINT, TASK, UAV, UGV, Graph, action_of, graph, index_of, n_actions, spoken
@@ -23,10 +23,11 @@ from planner.policy.paper_numpy import PaperModel
 from planner.policy.paper_train import measure, sequences, shuffled, train
 from planner.policy.state import new_state
 from planner.policy.training import Training
+from planner.policy.weights import write
 from planner.presets import preset
 from planner.problem import Problem
 from planner.schedule import evaluate
-from planner.solve import Stop, solve
+from planner.solve import Params, Stop, solve
 
 # Half a minute of compiling, and nothing that is shipped uses it yet: not in the default suite.
 pytestmark = pytest.mark.slow
@@ -129,6 +130,25 @@ def test_other_sizes_are_refused() -> None:
     policy = PaperPolicy(CONFIG, network()[1])
     with pytest.raises(PlannerError, match="15 tasks, 5 path points, 2 UAVs and 2 UGVs only"):
         policy.greedy(preset("T15-P5", (2, 1), 0))
+
+
+def test_it_plans_as_a_method(tmp_path: Path) -> None:
+    file = tmp_path / "paper.safetensors"
+    write(file, CONFIG, network()[1], {})
+    options = {"weights": str(file), "polish": False}
+    problem, stop = preset("T15-P5", (2, 2), 4), Stop(iterations=500)
+    plan = solve(problem, stop, 0, Params("copcs", options=options)).plan
+    assert plan.feasible
+    assert plan.actions == PaperPolicy.load(file).greedy(problem).actions(problem)
+    without = solve(problem, stop, 0, Params("copcs", options={**options, "exclude_uavs": {1}})).plan
+    assert {a.uav for a in without.actions if isinstance(a, Visit)} == {0}
+    other = solve(preset("T15-P5", (2, 1), 4), stop, 0, Params("copcs", options={"weights": str(file)})).plan
+    assert other.note == (
+        "search took over: the network was trained on other problems "
+        "(its data set has 15 tasks, 5 path points, 2 UAVs and 2 UGVs)"
+    )
+    with pytest.raises(PlannerError, match="option decode is 'beam'; the paper's network plans greedy only"):
+        solve(problem, stop, 0, Params("copcs", options={**options, "decode": "beam"}))
 
 
 def test_numbering_tasks_anew_keeps_every_plan(pairs: list[tuple[Problem, tuple[Action, ...]]]) -> None:

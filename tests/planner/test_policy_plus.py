@@ -290,8 +290,12 @@ def test_search_improves_what_the_policy_plans(tmp_path: Path, policy: Policy, m
     assert 4 <= sum(len(load(file)) for file in files) <= 8
     files[0].unlink()
     assert list(improve.make(*given)) == files[:1]
-    with pytest.raises(PlannerError, match="made with other weights or steps"):
+    with pytest.raises(PlannerError, match="made with other weights, steps or problems"):
         list(improve.make(*given[:-1], {"T15-P5": 501}))
+    with pytest.raises(PlannerError, match="made with other weights, steps or problems"):
+        list(improve.make(*given, vary=True))
+    others = [e for file in improve.make(tmp_path / "others", *given[1:], vary=True) for e in load(file)]
+    assert {(4, 3), (3, 1)} <= {(len(e.world.uavs), len(e.world.ugvs)) for e in others}
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)
