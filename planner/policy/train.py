@@ -294,9 +294,11 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m planner.
         print(f"{given.out}: all {how.epochs} epochs are done; give more --epochs, or another --out")
     trainer.run(train, valid)
     if trainer.rank == 0:
-        loss, right = measure(trainer.net, valid, how.batch, trainer.device) if valid else (math.nan, math.nan)
         told = f"{len(train)} plans, {trainer.at.epoch} epochs, {trainer.at.seconds:.0f} s"
-        print(f"{told}: loss {loss:.4f}, right {right:.1%}")
+        if valid:
+            loss, right = measure(trainer.net, valid, how.batch, trainer.device)
+            told += f"; on others: loss {loss:.4f}, right {right:.1%}"
+        print(told)
     if distributed.is_initialized():
         distributed.destroy_process_group()
 
