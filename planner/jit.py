@@ -11,6 +11,7 @@ from numba import njit
 
 F = TypeVar("F", bound=Callable[..., Any])
 HERE = Path(__file__).parent
+VERSION = "_version"  # where numba keeps the version that a cache has to have been written by
 
 
 def stamp(*folders: Path) -> str:
@@ -34,10 +35,17 @@ def compiled(function: F, text: str, **options: Any) -> F:
         text: ``stamp`` of all files whose functions it may call.
         options: of ``numba.njit``.
     """
-    made = njit(cache=True, nogil=True, error_model="numpy", **options)(function)
-    cache_file = getattr(getattr(made, "_cache", None), "_cache_file", None)
-    if cache_file is not None and hasattr(cache_file, "_version"):
-        cache_file._version = f"{cache_file._version} {text}"
+    options = {"nogil": True, "error_model": "numpy", **options}
+    try:
+        made = njit(cache=True, **options)(function)
+    except RuntimeError:  # there is no place to keep anything
+        return cast(F, njit(**options)(function))
+    if made is function:  # numba is switched off
+        return function
+    file = getattr(made._cache, "_cache_file", None)
+    if not hasattr(file, VERSION):  # a numba that keeps machine code in another way: better none than a stale one
+        return cast(F, njit(**options)(function))
+    setattr(file, VERSION, f"{getattr(file, VERSION)} {text}")
     return cast(F, made)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -79,6 +80,20 @@ def test_roads_are_shortest_paths() -> None:
     assert (road >= straight - 1e-9).all() and (road == road.T).all()
     for k in range(9):
         assert (road <= road[:, k, None] + road[None, k, :] + 1e-6).all()
+
+
+def test_machine_code_that_cannot_be_kept_is_made_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    def twice(x: int) -> int:
+        return 2 * x
+
+    space: dict[str, Any] = {}
+    exec("def thrice(x):\n    return 3 * x\n", space)  # of no file
+    assert jit.compiled(space["thrice"], "text")(2) == 6
+    assert jit.compiled(twice, "text")(2) == 4
+    monkeypatch.setattr(jit, "VERSION", "_elsewhere")  # of another numba
+    made: Any = jit.compiled(twice, "text")
+    assert made(3) == 6
+    assert not hasattr(made._cache, "_cache_file")
 
 
 def test_machine_code_is_kept_until_a_kernel_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
