@@ -37,6 +37,7 @@ from planner.problem import Problem
 from planner.schedule import evaluate
 
 CORES = 2  # that the targets are for
+TARGET_HZ = {"T15-P5": 90, "T45-P10": 30}
 NAMES = ("task", "site", "uav", "ugv", "pair", "drive", "counts")
 
 
@@ -166,6 +167,7 @@ def rate(weights: Path, name: str, least_s: float) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.bench_policy")
     parser.add_argument("--weights", type=Path, default=FOLDER / NAME)
+    parser.add_argument("--sets", default="T15-P5_2-1,T15-P5_4-2,T45-P10_2-1,T45-P10_4-2")
     parser.add_argument("--random", action="store_true", help="random weights instead")
     parser.add_argument("--layers", type=int, default=PlusConfig().layers, help="of the random network")
     parser.add_argument("--dim", type=int, default=PlusConfig().dim)
@@ -189,7 +191,8 @@ def main() -> None:
     net.eval()
     policy = Policy(config, tensors)
     print(f"{config}, {sum(x.numel() for x in net.parameters()):,} parameters")
-    for name, target in (("T15-P5_2-1", 90), ("T15-P5_4-2", 90), ("T45-P10_2-1", 30), ("T45-P10_4-2", 30)):
+    for name in given.sets.split(","):
+        target = TARGET_HZ[data_set(name).setup]
         problem = data_set(name).instance(900)
         seen = decisions(problem, policy)
         n = len(seen)
