@@ -12,11 +12,11 @@ from pathlib import Path
 from deploy.cli_common import DONE, FAILED, duration_text, finite, print_json, show_rows, working
 from deploy.drawing import MapDrawing
 from deploy.errors import InputError
-from deploy.planning import plan_with_margin
+from deploy.planning import LOADING, plan_with_margin
 from planner.plan import Move, Plan, Recharge, Visit
 from planner.problem import Problem
 from planner.roads import Roads
-from planner.solve import Params, Stop
+from planner.solve import Params, Stop, warm_up
 
 DEFAULT_TIME_S = 5.0
 
@@ -54,6 +54,8 @@ def plan(
     is_mission = file.suffix.lower() in (".yaml", ".yml")
     task = _mission(file, planner, seed) if is_mission else _problem(file, planner, seed)
     stop = task.stop if time_s is None else Stop(time_s=time_s)
+    with working(LOADING, quiet=as_json):
+        warm_up(task.params.method, task.params.options)  # not out of the time to plan
     what = f"planning {task.name}" + (f" for {stop.time_s:g} s" if stop.time_s is not None else "")
     with working(what, quiet=as_json):
         made = plan_with_margin(task.problem, task.margin, stop, task.seed, task.params)

@@ -19,6 +19,7 @@ from planner.problem import Problem
 from planner.schedule import evaluate, predict
 from planner.solve import Params, Stop, solve, warm_up
 
+LOADING = "loading the planner (compiled once after an installation or update, up to a minute)"
 WORTH_THE_MARGIN = 0.95
 
 

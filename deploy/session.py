@@ -20,7 +20,7 @@ from deploy.map_drawing import drawing_of
 from deploy.mission import Mission
 from deploy.mission_copy import save_copy
 from deploy.operator import Operator, ScriptedOperator
-from deploy.planning import InlinePlanner, Planner, ProcessPlanner, plan_with_margin
+from deploy.planning import LOADING, InlinePlanner, Planner, ProcessPlanner, plan_with_margin
 from deploy.planning_settings import first_plan, replanning
 from deploy.recording import Recorder, RunMeta
 from deploy.report import Report, make
@@ -29,6 +29,7 @@ from deploy.screen import Header, clock_text
 from deploy.watch import Watch
 from drivers.vehicle import SelfCheck
 from planner.plan import Plan
+from planner.solve import warm_up
 from sim_backends.errors import SimulationError
 from sim_backends.truth import Truth
 
@@ -79,6 +80,8 @@ def make_plan(mission: Mission, display: Display) -> Plan:
         PlannerError: when the planner's settings are wrong.
     """
     stop, seed, params = first_plan(mission)
+    with display.working(LOADING):
+        warm_up(params.method, params.options)  # not out of the time to plan
     budget = f" for {stop.time_s:g} s" if stop.time_s is not None else ""
     with display.working(f"planning{budget}"):
         plan = plan_with_margin(mission.problem, mission.settings.replanning.margin, stop, seed, params)

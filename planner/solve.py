@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -80,9 +81,11 @@ def warm_up(method: str, options: Mapping[str, Any] | None = None) -> None:
     """
     from planner.presets import preset  # noqa: PLC0415  (only here)
 
-    given = dict(options or {})
-    for more in ({}, {"polish": False}) if method == "copcs" else ({},):  # search, and what its domain may not let on
-        solve(preset("T15-P5"), Stop(0.05, 100), 0, Params(method, options={**given, **more}))
+    given, stop = dict(options or {}), Stop(0.05, 100)
+    solve(preset("T15-P5"), stop, 0, Params(method, options=given))
+    if method == "copcs":  # what its domain may not have let on above
+        with suppress(PlannerError):  # no weights: search takes over, and says so
+            solve(preset("T15-P5"), stop, 0, Params(method, options={**given, "polish": False}))
 
 
 class Method(Protocol):

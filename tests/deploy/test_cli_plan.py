@@ -1,4 +1,7 @@
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -113,3 +116,15 @@ def test_ctrl_c_while_planning(problem: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr("deploy.cli_plan.plan_with_margin", interrupted)
     code, out, err = call("plan", problem)
     assert (code, out, err) == (3, "", "aborted by the operator\n")
+
+
+@pytest.mark.slow  # compiles the planner
+def test_compiling_does_not_count_as_planning(problem: Path, tmp_path: Path) -> None:
+    start = "from deploy.cli import main; main()"
+    command = [sys.executable, "-c", start, "plan", str(problem), "--time", "0.5", "--json"]
+    folder = tmp_path / "machine_code"
+    folder.mkdir()
+    env = {**os.environ, "NUMBA_CACHE_DIR": str(folder), "PYTHONPATH": str(Path(__file__).parents[2])}
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=env)
+    assert any(folder.rglob("*.nbc"))
+    assert json.loads(done.stdout)["planning_s"] < 3.0

@@ -13,7 +13,7 @@ import pytest
 from planner import jit
 from planner.errors import PlannerError
 from planner.presets import DEPOT, PRESETS, preset, random_roads
-from planner.solve import METHODS, Params, Stop, solve
+from planner.solve import METHODS, Params, Stop, solve, warm_up
 
 
 def test_unknown_method() -> None:
@@ -80,6 +80,13 @@ def test_roads_are_shortest_paths() -> None:
     assert (road >= straight - 1e-9).all() and (road == road.T).all()
     for k in range(9):
         assert (road <= road[:, k, None] + road[None, k, :] + 1e-6).all()
+
+
+def test_warming_up_leaves_search_to_take_over(tmp_path: Path) -> None:
+    with pytest.raises(PlannerError, match="no option 'magic'"):
+        warm_up("search", {"magic": 1})
+    warm_up("search")
+    warm_up("copcs", {"weights": str(tmp_path / "none.safetensors")})
 
 
 def test_machine_code_that_cannot_be_kept_is_made_anew(monkeypatch: pytest.MonkeyPatch) -> None:
