@@ -139,17 +139,20 @@ class Row:
 
 
 @cache
-def _warm_up(method: str) -> None:
+def _warm_up(method: str, name: str, weights: str) -> None:
     """No method pays for loading and compiling in its first plan."""
-    warm_up(method)
+    if not weights:
+        warm_up(method)
+        return
+    solve(data_set(name).instance(0), Stop(iterations=1), 0, Params(method, options={"weights": weights}))
 
 
 def measure(name: str, instance: int, entry: Entry) -> Row:
     """Plans one instance with one entry."""
     one = data_set(name)
-    _warm_up(entry.method)
-    stop = Stop(time_s=entry.time_s[one.setup])
-    options = {**entry.options, "weights": str(entry.weights(name))} if entry.network else entry.options
+    weights = {"weights": str(entry.weights(name))} if entry.network else {}
+    _warm_up(entry.method, name if weights else "", weights.get("weights", ""))
+    stop, options = Stop(time_s=entry.time_s[one.setup]), {**entry.options, **weights}
     plan = solve(one.instance(instance), stop, instance, Params(entry.method, options=options)).plan
     s = plan.schedule
     return Row(
