@@ -6,21 +6,24 @@ Every network is trained from random weights on as many plans as the others see 
 set, and the examples in ``--more``, ``--epochs`` times; without the latter, the labels more often), then plans the
 first ``--count`` test instances of each data set, greedy, with and without looking ahead. Compared with ``search``,
 from the benchmark's results. Both training and planning are resumable; about 25 minutes of one core for each network.
+Plans of networks that were trained otherwise are made anew.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 from pathlib import Path
 
 from benchmarks.rows import Rows
 from planner.benchmark import read_rows
+from planner.errors import PlannerError, exit_on_error
 from planner.instances import DATA_SETS, TEST
 from planner.policy.decode import Policy
 from planner.policy.examples import load
 from planner.policy.train import main as train
 
-FIELDS = ("variant", "data_set", "instance", "greedy_s", "alone_s")
+FIELDS = ("variant", "trained", "data_set", "instance", "greedy_s", "alone_s")
 VARIANTS: dict[str, tuple[str, ...]] = {
     "plus": (),
     "without self-improvement": (),
@@ -47,9 +50,9 @@ NETWORK = [
 ]
 
 
-def trained(given: argparse.Namespace, variant: str, plans: int) -> Policy:
+def trained(given: argparse.Namespace, variant: str, plans: int, runs: Path) -> Policy:
     """The variant's network, trained where it is not yet."""
-    out = given.runs / variant.replace(" ", "_")
+    out = runs / variant.replace(" ", "_")
     labels, more = given.labels * len(DATA_SETS), [str(path) for path in given.more]
     epochs = given.epochs
     if variant == "without self-improvement":
@@ -69,25 +72,28 @@ def main() -> None:
     parser.add_argument("--runs", type=Path, default=Path("runs/ablation"))
     parser.add_argument("--out", type=Path, default=Path("benchmarks/results/ablation.csv"))
     given = parser.parse_args()
+    if not 0 < given.count <= len(TEST):
+        parser.error(f"--count is {given.count}; give 1 to {len(TEST)}")
     variants = [name.strip() for name in given.variants.split(",")]
     if wrong := [name for name in variants if name not in VARIANTS]:
         parser.error(f"there is no variant {wrong[0]!r}; there are {', '.join(VARIANTS)}")
+    counts = [len(load(path)) for path in given.more]
+    how = hashlib.sha256(repr((NETWORK, given.labels, given.epochs, counts)).encode()).hexdigest()[:16]
     table = Rows(given.out, FIELDS)
+    table.keep(lambda r: r["variant"] not in variants or r["trained"] == how)
     have = {(r["variant"], r["data_set"], int(r["instance"])) for r in table.rows}
-    plans = sum(len(load(path)) for path in given.more)
     for variant in variants:
-        todo = [
-            (one, i) for one in DATA_SETS for i in TEST[: given.count] if (variant, one.name, i) not in have
-        ]  # fmt: skip
+        todo = [(one, i) for one in DATA_SETS for i in TEST[: given.count] if (variant, one.name, i) not in have]
         if not todo:
             continue
-        policy = trained(given, variant, plans)
+        policy = trained(given, variant, sum(counts), given.runs / how)
         for one, i in todo:
             problem = one.instance(i)
             both = policy.greedy(problem), policy.alone().greedy(problem)
-            assert all(plan.complete for plan in both), (variant, one.name, i)
+            if not all(plan.complete for plan in both):
+                raise PlannerError(f"{variant}: the plan for {one.name} {i} leaves tasks out")
             spans = (round(plan.makespan_s, 3) for plan in both)
-            table.add(dict(zip(FIELDS, (variant, one.name, i, *spans), strict=True)))
+            table.add(dict(zip(FIELDS, (variant, how, one.name, i, *spans), strict=True)))
         print(f"{variant}: done", flush=True)
     print(markdown(table.rows))
 
@@ -116,4 +122,4 @@ def markdown(rows: list[dict[str, str]]) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    exit_on_error(main)

@@ -16,6 +16,7 @@ import numpy as np
 
 from benchmarks.rows import Rows
 from planner.benchmark import SEARCH_S
+from planner.errors import exit_on_error
 from planner.instances import DATA_SETS, TEST, data_set
 from planner.solve import Stop, solve
 
@@ -68,4 +69,4 @@ def summary(rows: list[dict[str, str]]) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    exit_on_error(main)

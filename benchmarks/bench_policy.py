@@ -22,6 +22,7 @@ import numpy as np
 import torch
 
 from planner import kernel
+from planner.errors import exit_on_error
 from planner.instances import data_set
 from planner.policy import tokens_kernel as tk
 from planner.policy.complete_kernel import complete
@@ -233,4 +234,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    exit_on_error(main)

@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from deploy.cli_common import DONE, print_json
 from deploy.display import SteadyConsole
 from deploy.errors import InputError
-from planner.benchmark import NETWORKS, Entry, entries, quick, run, write_about
+from planner.benchmark import Entry, entries, quick, run, write_about
 from planner.benchmark_table import cells, markdown, plot
 from planner.instances import DATA_SETS, TEST, data_set
 
@@ -37,22 +37,24 @@ def benchmark(
         InputError: an option is wrong.
         PlannerError: a data set does not exist, or the results file is another one's.
     """
-    given = _chosen(rows, measured=table)
+    given = _chosen(rows)
     names = [data_set(name.strip()).name for name in sets.split(",")] if sets else [d.name for d in DATA_SETS]
     count = min(instances or len(TEST), len(TEST))
     stem = "quick" if is_quick else "benchmark"
     if is_quick:
         given, count = quick(given), 1
         (out / f"{stem}.csv").unlink(missing_ok=True)
+    left_out = [] if table else _without_networks(given, names, rows)
     with Progress(
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(),
         console=SteadyConsole(stderr=True), disable=as_json,
     ) as bar:  # fmt: skip
         task = bar.add_task("plans", total=None)
         measured = run(
-            out / f"{stem}.csv", given, sets=names, instances=count, jobs=jobs,
+            out / f"{stem}.csv", [e for e in given if e not in left_out], sets=names, instances=count, jobs=jobs,
             progress=lambda done, total: bar.update(task, completed=done, total=total), missing_too=not table,
         )  # fmt: skip
+    measured += run(out / f"{stem}.csv", left_out, sets=names, instances=count, missing_too=False)
     if not measured:
         raise InputError(f"there are no results in {out / stem}.csv yet; leave out the option", key="--table")
     note = QUICK_NOTE if is_quick else ""
@@ -78,23 +80,28 @@ def benchmark(
     return DONE
 
 
-def _chosen(rows: str | None, measured: bool) -> list[Entry]:
-    """The lines asked for; without networks to measure them with, some only where they are ``measured`` already."""
+def _chosen(rows: str | None) -> list[Entry]:
     every = entries()
     if rows is None:
-        without = [e.name for e in every if e.missing() and not measured]
-        if without:
-            print(f"left out, their networks are not in {NETWORKS}: {', '.join(without)}", file=sys.stderr)
-        return [e for e in every if e.name not in without]
+        return every
     by_name = {e.name: e for e in every}
     wanted: Sequence[str] = [name.strip() for name in rows.split(",")]
     for name in wanted:
         if name not in by_name:
             raise InputError(f"has no row {name!r}; there are {', '.join(by_name)}", key="--rows")
-        if (missing := by_name[name].missing()) and not measured:
-            raise InputError(
-                f"row {name!r} has no network for {', '.join(missing)} in {NETWORKS}; "
-                f"train it: python -m planner.policy.paper_train (docs/policy.md)",
-                key="--rows",
-            )
     return [by_name[name] for name in wanted]
+
+
+def _without_networks(given: Sequence[Entry], sets: Sequence[str], rows: str | None) -> list[Entry]:
+    """Lines that cannot be measured, as networks are missing; an error where they were asked for by name."""
+    without = [e for e in given if e.missing(sets)]
+    if not without:
+        return []
+    if rows is not None:
+        raise InputError(
+            f"row {without[0].name!r} needs {without[0].missing(sets)[0]}, which is not there; "
+            "docs/benchmark.md says how to train it",
+            key="--rows",
+        )
+    print(f"not measured, as networks are missing: {', '.join(e.name for e in without)}", file=sys.stderr)
+    return without

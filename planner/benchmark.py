@@ -14,7 +14,7 @@ import platform
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import UTC, datetime
 from functools import cache
 from importlib import metadata
@@ -52,12 +52,12 @@ class Entry:
         """The file of its network for a data set."""
         return NETWORKS / f"{self.network}_{data_set_name}.safetensors"
 
-    def missing(self) -> list[str]:
-        """The data sets for which it has no network yet."""
-        return [one.name for one in DATA_SETS if self.network and not self.weights(one.name).exists()]
+    def missing(self, sets: Sequence[str]) -> list[Path]:
+        """The files of networks for these data sets that are not there."""
+        return [self.weights(name) for name in sets if self.network and not self.weights(name).exists()]
 
 
-NETWORKS = Path("benchmarks/networks")  # of the paper, and its baseline; see docs/policy.md
+NETWORKS = Path("benchmarks/networks")  # of the paper, and its baseline; see docs/benchmark.md
 SEARCH_S = {"T15-P5": 1.0, "T45-P10": 5.0}
 PUBLISHED_S = 15.0
 PUBLISHED_COUNT = 20
@@ -112,7 +112,7 @@ def quick(given: Sequence[Entry]) -> list[Entry]:
         if entry.name.endswith(("-15s", "ts-tour", "sa-tour", "ts-free", "sa-free")):
             continue
         options = {k: 0.1 if k == "solve_s" else v for k, v in entry.options.items()}
-        made.append(Entry(entry.name, entry.method, {"T15-P5": 0.25, "T45-P10": 0.4}, entry.words, options, 1))
+        made.append(replace(entry, time_s={"T15-P5": 0.25, "T45-P10": 0.4}, options=options, instances=1))
     return made
 
 

@@ -19,6 +19,7 @@ from planner.policy.decode import Decoded
 from planner.policy.networks import network
 from planner.policy.paper_decode import PaperPolicy
 from planner.policy.shipped import shipped
+from planner.presets import PRESETS, preset
 from planner.problem import Problem
 from planner.schedule import evaluate
 from planner.search import Options as SearchOptions
@@ -42,7 +43,8 @@ class Options:
         decode: ``greedy``, ``sample`` (the best of some plans) or ``beam`` (the schedule judges half-made plans).
         polish: whether search goes on from the policy's plan. Without, the plan is the policy's whatever it is worth.
         look_ahead: whether plain ways to finish behind the network's options count as plans; False leaves all to it.
-        weights: a weights file instead of the one shipped; "" is that one. The paper's networks plan ``greedy`` only.
+        weights: a weights file instead of the one shipped; "" is that one. The paper's networks plan ``greedy`` only,
+            and do not look ahead.
     """
 
     decode: str = "greedy"
@@ -75,12 +77,28 @@ def split(options: Mapping[str, Any]) -> tuple[Options, dict[str, Any], SearchOp
     return Options(**mine), others, off
 
 
+def sample(options: Mapping[str, Any]) -> Problem:
+    """A problem that the network can plan for, to try it on: of the paper's setups.
+
+    Raises:
+        PlannerError: for an unknown option or a wrong value, and where the weights cannot be read.
+    """
+    weights = split(options)[0].weights
+    policy = network(Path(weights)) if weights else shipped()
+    if isinstance(policy, PaperPolicy):
+        c = policy.config
+        for name, sizes in PRESETS.items():
+            if sizes == (c.n_tasks, c.n_points):
+                return preset(name, (c.n_uavs, c.n_ugvs))
+    return preset("T15-P5")
+
+
 def copcs(problem: Problem, stop: Stop, seed: int, params: Params) -> Result:
     """Plans by the policy, then by search from its plan; see ``planner.solve.solve``.
 
     Raises:
-        PlannerError: for an unknown option, or a start that names something that does not exist. Weights that cannot be
-            read are an error only without ``polish``: else search takes over.
+        PlannerError: for an unknown option, one that the network does not have, or a start that names something that
+            does not exist. Weights that cannot be read are an error only without ``polish``: else search takes over.
     """
     begun = time.perf_counter()
     options, others, off = split(params.options)

@@ -72,20 +72,25 @@ def solve(problem: Problem, stop: Stop, seed: int = 0, params: Params = Params()
 def warm_up(method: str, options: Mapping[str, Any] | None = None) -> None:
     """Loads and compiles what a method needs, so that its next plan takes as long as all others.
 
+    Never raises: what is wrong with the method or an option, planning itself says.
+
     Args:
         method: its name.
         options: those that it will be called with.
-
-    Raises:
-        PlannerError: for an unknown method or a wrong option.
     """
     from planner.presets import preset  # noqa: PLC0415  (only here)
 
-    given, stop = dict(options or {}), Stop(0.05, 100)
-    solve(preset("T15-P5"), stop, 0, Params(method, options=given))
-    if method == "copcs":  # what its domain may not have let on above
-        with suppress(PlannerError):  # no weights: search takes over, and says so
-            solve(preset("T15-P5"), stop, 0, Params(method, options={**given, "polish": False}))
+    given = {k: v for k, v in (options or {}).items() if k != "solve_s"}
+    problem, stop, tries = preset("T15-P5"), Stop(0.05, 100), [given]
+    with suppress(PlannerError):
+        if method == "copcs":
+            from planner.copcs import sample  # noqa: PLC0415  (only here)
+
+            problem = sample(given)
+            tries.append({**given, "polish": False})  # what its domain may not let on
+    for one in tries:
+        with suppress(PlannerError):
+            solve(problem, stop, 0, Params(method, options=one))
 
 
 class Method(Protocol):

@@ -89,6 +89,14 @@ def graph(problem: Problem, config: PaperConfig, turn: NDArray[np.float64] | Non
     )
 
 
+def nothing(config: PaperConfig) -> Graph:
+    """A graph of the network's sizes with zeros for attributes and no edges."""
+    m, s, u, g = config.n_tasks, config.n_points + 1, config.n_uavs, config.n_ugvs
+    f, none = np.float32, np.zeros((m + s + u + g, m + s + u + g), np.bool_)
+    return Graph(np.zeros((m, 3), f), np.zeros((s, 2), f), np.zeros((u, 3), f), np.zeros((g, 2 + 2 * u), f),
+                 none, none, none)  # fmt: skip
+
+
 def n_actions(config: PaperConfig) -> int:
     """Size of the list of actions: A^uav (U x M), A^ugv (G x (P + 1)), A^recharge (U x G)."""
     u, g = config.n_uavs, config.n_ugvs

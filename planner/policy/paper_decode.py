@@ -21,7 +21,7 @@ from planner.policy.complete_kernel import complete, copy_work
 from planner.policy.config import PaperConfig
 from planner.policy.decode import Decoded
 from planner.policy.decode_kernel import cost_of
-from planner.policy.graph import fits, graph, index_of, sizes
+from planner.policy.graph import fits, graph, index_of, n_actions, nothing, sizes
 from planner.policy.paper_kernel import offer_all, say
 from planner.policy.paper_numpy import PaperModel
 from planner.policy.state import clone, new_state
@@ -36,10 +36,16 @@ class PaperPolicy:
         """Takes the weights as ``state_dict`` names them.
 
         Raises:
-            PlannerError: where one is missing.
+            PlannerError: where they do not fit ``config``.
         """
         self.config = config
-        self.model = PaperModel(config, tensors)
+        try:
+            self.model = PaperModel(config, tensors)
+            logits = self.model.begin(self.model.encode(nothing(config))).next(None)
+        except (KeyError, ValueError, IndexError) as error:
+            raise PlannerError(f"weights of network paper: they do not fit its sizes: {error}") from error
+        if len(logits) != n_actions(config):
+            raise PlannerError(f"weights of network paper: {len(logits)} actions; it should be {n_actions(config)}")
 
     @classmethod
     def load(cls, path: Path, sha256: str | None = None) -> PaperPolicy:
@@ -51,7 +57,10 @@ class PaperPolicy:
         config, tensors, _ = read(path, sha256)
         if not isinstance(config, PaperConfig):
             raise PlannerError(f"{path}: this is no network paper")
-        return cls(config, tensors)
+        try:
+            return cls(config, tensors)
+        except PlannerError as error:
+            raise PlannerError(f"{path}: {error}") from error
 
     def outside(self, problem: Problem) -> str | None:
         """In which respect the problem is unlike those that the network can plan for, in words; None where it can."""

@@ -144,6 +144,7 @@ def apply(world: World, work: Work, turn: Turn, code: int) -> None:
 @jit
 def code_of(u: int, option: int, n_tasks: int, n_sites: int) -> int:
     """The action that an option other than ``done`` stands for."""
+    u, option = int(u), int(option)  # of any width
     if option < n_tasks:
         return VISIT << KIND | u << VEHICLE | option
     g = (option - n_tasks) // n_sites

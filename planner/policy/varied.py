@@ -1,8 +1,8 @@
 """Training problems of all sorts: a data set's instance with another team and other vehicles.
 
 The paper's vehicles are all alike: they land to wait, keep no reserve, work without delay at tasks and dock in no time.
-Missions are not like that. Ranges are shares of the time that a full UAV flies, so that a laboratory and a county are
-the same to the network; they hold the missions in ``mission_configs`` with room around them.
+Missions are not like that. Most ranges are shares of the time that a full UAV flies, so that a laboratory and a county
+are the same to the network; they hold the missions in ``mission_configs``. Some problems have no feasible plan.
 """
 
 from __future__ import annotations
@@ -38,29 +38,31 @@ RESERVE = Range(0.0, 0.3, 0.0)  # of the capacity
 FULL = Range(0.8, 1.0, 1.0)  # energy at the start, of the capacity
 HOVER = Range(0.9, 1.3, 1.16)  # power when hovering, of that in cruise
 SERVICE = Range(0.0, 0.04, 0.0)  # from here on: of the time that a full UAV flies
-STAGGER = Range(0.0, 0.03, 0.0)  # between two UAVs' starts
+START = Range(0.0, 0.1, 0.0)  # until the first UAV is ready
+STAGGER = Range(0.0, 0.06, 0.0)  # between two UAVs' starts
 CHARGE = Range(0.03, 0.7, 0.2)  # of a full recharge
 DOCK = Range(0.0, 0.1, 0.0)
 UNDOCK = Range(0.0, 0.07, 0.0)
 ENDURANCE = Range(4.0, 30.0, 10.0)  # of a UGV on the road
 DRIVE = Range(0.2, 0.7, 0.45)  # a UGV's speed, of a UAV's
-DRIVE_W = Range(2.0, 14.0, 12.3)  # its power on the road, of a UAV's in cruise
+DRIVE_W = Range(1.5, 15.0, 12.3)  # its power on the road, of a UAV's in cruise
+IDLE_W = Range(0.0, 0.15, 0.0)  # its power at rest, likewise
 HOVERS, BY_POWER, SINGLE_DOCK, FEWER_TASKS = 0.6, 0.4, 0.5, 0.3  # probabilities
 
 
 def varied(problem: Problem, seed: int) -> Problem:
-    """``problem`` with a random team of other vehicles, some tasks left out; tasks that nobody can reach go as well.
+    """``problem`` with a random team of other vehicles, some tasks left out; everybody starts at the depot.
 
-    Everybody starts at the depot.
+    Tasks that one of the UAVs cannot reach from any site go as well.
     """
-    rng = np.random.default_rng([seed, 3])
+    rng = np.random.default_rng([seed, int(problem.digest[:8], 16)])
     n_uavs, n_ugvs = TEAMS[rng.integers(len(TEAMS))]
     waiting = rng.uniform() < HOVERS
     first_uav = _uav(problem, rng, waiting)
     alike = rng.uniform() < ALIKE
-    stagger_s = STAGGER.draw(rng) * _flight_s(first_uav)
+    start_s, stagger_s = START.draw(rng) * _flight_s(first_uav), STAGGER.draw(rng) * _flight_s(first_uav)
     uavs = tuple(
-        replace(first_uav if alike else _uav(problem, rng, waiting), id=f"uav{i}", ready_s=i * stagger_s)
+        replace(first_uav if alike else _uav(problem, rng, waiting), id=f"uav{i}", ready_s=start_s + i * stagger_s)
         for i in range(n_uavs)
     )
     first_ugv = _ugv(rng, first_uav)
@@ -113,6 +115,7 @@ def _ugv(rng: np.random.Generator, uav: Uav) -> Ugv:
         energy_j=capacity_j,
         capacity_j=capacity_j,
         drive_w=drive_w,
+        idle_w=IDLE_W.draw(rng) * uav.cruise_w,
         speed_mps=DRIVE.draw(rng) * uav.speed_mps,
         charge_s=None if by_power else charge_s,
         charge_w=uav.capacity_j / charge_s if by_power else None,

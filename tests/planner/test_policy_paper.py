@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from planner.copcs import sample
 from planner.errors import PlannerError
 from planner.instances import data_set
 from planner.labels import in_order
@@ -27,9 +28,9 @@ from planner.policy.weights import write
 from planner.presets import preset
 from planner.problem import Problem
 from planner.schedule import evaluate
-from planner.solve import Params, Stop, solve
+from planner.solve import Params, Stop, solve, warm_up
 
-# Half a minute of compiling, and nothing that is shipped uses it yet: not in the default suite.
+# Half a minute of compiling: not in the default suite.
 pytestmark = pytest.mark.slow
 
 CONFIG = PaperConfig(15, 5, 2, 2, dim=32, encoder_layers=2, decoder_layers=2, most=96)
@@ -130,6 +131,30 @@ def test_other_sizes_are_refused() -> None:
     policy = PaperPolicy(CONFIG, network()[1])
     with pytest.raises(PlannerError, match="15 tasks, 5 path points, 2 UAVs and 2 UGVs only"):
         policy.greedy(preset("T15-P5", (2, 1), 0))
+
+
+@pytest.mark.parametrize("damage", ["missing", "shape", "actions"])
+def test_weights_that_do_not_fit(tmp_path: Path, damage: str) -> None:
+    tensors = dict(network()[1])
+    if damage == "missing":
+        del tensors["layers.1.norm.bias"]
+    elif damage == "shape":
+        tensors["decoder.0.q_c.weight"] = tensors["decoder.0.q_c.weight"][:-1]
+    else:
+        tensors["out.weight"] = tensors["out.weight"][:-1]
+    file = tmp_path / "paper.safetensors"
+    write(file, CONFIG, tensors, {})
+    with pytest.raises(PlannerError, match=r"paper\.safetensors: weights of network paper: "):
+        PaperPolicy.load(file)
+
+
+def test_it_is_tried_on_a_problem_of_its_sizes(tmp_path: Path) -> None:
+    file = tmp_path / "paper.safetensors"
+    other = replace(CONFIG, n_tasks=45, n_points=10, n_uavs=1, n_ugvs=1)
+    write(file, other, network(other)[1], {})
+    problem = sample({"weights": str(file)})
+    assert (problem.n_tasks, len(problem.path_points), len(problem.uavs), len(problem.ugvs)) == (45, 10, 1, 1)
+    warm_up("copcs", {"weights": str(file), "polish": False})
 
 
 def test_it_plans_as_a_method(tmp_path: Path) -> None:

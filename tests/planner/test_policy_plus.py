@@ -38,7 +38,7 @@ from planner.problem import Problem
 from planner.schedule import evaluate
 from planner.solve import Stop, solve
 
-# Half a minute of compiling, and nothing that is shipped uses it yet: not in the default suite.
+# Half a minute of compiling: not in the default suite.
 pytestmark = pytest.mark.slow
 
 SMALL = PlusConfig(dim=32, heads=4, layers=2, hidden=48)

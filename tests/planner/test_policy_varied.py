@@ -35,6 +35,10 @@ def shares(problem: Problem) -> dict[str, float]:
         "undock": g.undock_s / flight_s,
         "docks": float(g.docks),
         "drive": g.speed_mps / u.speed_mps,
+        "start": u.ready_s / flight_s,
+        "stagger": (problem.uavs[1].ready_s - u.ready_s) / flight_s if len(problem.uavs) > 1 else 0.0,
+        "idle": g.idle_w / u.cruise_w,
+        "drive power": g.drive_w / u.cruise_w,
         "endurance": g.capacity_j / g.drive_w / flight_s,
     }
 
@@ -43,6 +47,8 @@ def test_the_same_seed_the_same_problem(drawn: list[Problem]) -> None:
     again = varied(data_set("T15-P5_1-1_drawn").instance(7), 7)
     assert again.digest == drawn[7].digest
     assert len({p.digest for p in drawn}) == len(drawn)
+    other = varied(data_set("T15-P5_2-1").instance(7), 7)
+    assert shares(other) != shares(drawn[7])
 
 
 def test_every_task_can_be_reached_and_flown_back_from(drawn: list[Problem]) -> None:

@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planner import jit
+from planner import jit, kernel
 from planner.errors import PlannerError
+from planner.policy import jit as policy_jit
+from planner.policy import tokens_kernel
 from planner.presets import DEPOT, PRESETS, preset, random_roads
 from planner.solve import METHODS, Params, Stop, solve, warm_up
 
@@ -82,22 +84,23 @@ def test_roads_are_shortest_paths() -> None:
         assert (road <= road[:, k, None] + road[None, k, :] + 1e-6).all()
 
 
-def test_warming_up_leaves_search_to_take_over(tmp_path: Path) -> None:
-    with pytest.raises(PlannerError, match="no option 'magic'"):
-        warm_up("search", {"magic": 1})
-    warm_up("search")
-    warm_up("copcs", {"weights": str(tmp_path / "none.safetensors")})
+@pytest.mark.parametrize("options", [{"magic": 1}, {"solve_s": 30.0}, {"weights": "no such file"}, {}])
+@pytest.mark.parametrize("method", ["magic", "search", "gls"])
+def test_warming_up_says_nothing(method: str, options: dict[str, Any]) -> None:
+    warm_up(method, options)
+    if method == "search" and "weights" in options:
+        warm_up("copcs", options)
+
+
+def twice(x: int) -> int:
+    return 2 * x
 
 
 def test_machine_code_that_cannot_be_kept_is_made_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    def twice(x: int) -> int:
-        return 2 * x
-
     space: dict[str, Any] = {}
     exec("def thrice(x):\n    return 3 * x\n", space)  # of no file
     assert jit.compiled(space["thrice"], "text")(2) == 6
-    assert jit.compiled(twice, "text")(2) == 4
-    monkeypatch.setattr(jit, "VERSION", "_elsewhere")  # of another numba
+    monkeypatch.setattr(jit, "FILE", ("_elsewhere",))  # of another numba
     made: Any = jit.compiled(twice, "text")
     assert made(3) == 6
     assert not hasattr(made._cache, "_cache_file")
@@ -112,19 +115,48 @@ def test_machine_code_is_kept_until_a_kernel_changes(tmp_path: Path, monkeypatch
             sys.modules.pop(name, None)
         importlib.invalidate_caches()
         adds = importlib.import_module("adds")
-        add = jit.compiled(adds.add, text)
+        add: Any = jit.compiled(adds.add, text)
         one = adds.Pair(2, 3)
         return add(one), sum(add.stats.cache_hits.values())
+
+    def kept() -> list[Path]:
+        return sorted((tmp_path / "__pycache__").glob("*.nb?"))
 
     (tmp_path / "pair_before.py").write_text(pair)
     (tmp_path / "adds.py").write_text("from pair_before import Pair\n\ndef add(p):\n    return p.a + p.b\n")
     assert call("one") == (5, 0)
     assert call("one") == (5, 1)
     assert call("two") == (5, 0)
+    assert len(kept()) == 2  # the older ones are gone
     # An update moves the class elsewhere: what is kept names one that is gone.
     (tmp_path / "pair_before.py").write_text("")
     (tmp_path / "pair_after.py").write_text(pair)
     (tmp_path / "adds.py").write_text("from pair_after import Pair\n\ndef add(p):\n    return p.a + p.b\n")
     assert call("three") == (5, 0)
     assert call("three") == (5, 1)
-    assert len(jit.stamp(jit.HERE)) == 64 and jit.stamp(jit.HERE) != jit.stamp(jit.HERE, jit.HERE / "policy")
+    for file in kept():  # the power failed
+        file.write_bytes(b"")
+        assert call("three") == (5, 0)
+        assert call("three") == (5, 1)
+        file.write_bytes(b"no machine code at all")
+        assert call("three") == (5, 0)
+
+    def full(self: object, name: str, data: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("numba.core.caching.IndexDataCacheFile._save_data", full)
+    assert call("four") == (5, 0)
+
+
+def test_kernels_are_bound_to_their_text_and_how_they_are_compiled(tmp_path: Path) -> None:
+    for cache, text in ((kernel.run._cache, jit._STAMP), (tokens_kernel.start._cache, policy_jit._STAMP)):  # type: ignore[attr-defined]
+        assert text[:16] in cache._cache_file._index_name
+    assert jit._STAMP == jit.stamp(jit.HERE) != policy_jit._STAMP
+    for name in ("a_kernel.py", "jit.py", "other.py"):
+        (tmp_path / name).write_text("1")
+    stamps = [jit.stamp(tmp_path)]
+    for name in ("other.py", "a_kernel.py", "jit.py"):
+        (tmp_path / name).write_text("2")
+        stamps.append(jit.stamp(tmp_path))
+    assert stamps[0] == stamps[1]
+    assert len(set(stamps)) == 3
