@@ -295,7 +295,7 @@ def test_search_improves_what_the_policy_plans(tmp_path: Path, policy: Policy, m
     with pytest.raises(PlannerError, match="made with other weights, steps or problems"):
         list(improve.make(*given, vary=True))
     others = [e for file in improve.make(tmp_path / "others", *given[1:], vary=True) for e in load(file)]
-    assert {(4, 3), (3, 1)} <= {(len(e.world.uavs), len(e.world.ugvs)) for e in others}
+    assert len({(len(e.world.uavs), len(e.world.ugvs)) for e in others}) > 1
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)
