@@ -193,7 +193,7 @@ def run(
     ]
     missing = [w for w in wanted if (w[0], w[1], w[2].name) not in have]
     if not missing_too:
-        return [have[w[0], w[1], w[2].name] for w in wanted if w not in missing]
+        return [have[key] for name, index, entry in wanted if (key := (name, index, entry.name)) in have]
     done = len(wanted) - len(missing)
     progress(done, len(wanted))
     out.parent.mkdir(parents=True, exist_ok=True)

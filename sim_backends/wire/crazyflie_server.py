@@ -199,23 +199,23 @@ def main(argv: list[str] | None = None) -> int:
     stop = threading.Event()
     for name in (signal.SIGTERM, signal.SIGINT):
         signal.signal(name, lambda *_: stop.set())
-    with tempfile.TemporaryDirectory(prefix="crazyflie-") as folder:
+    with contextlib.ExitStack() as stack:
         try:
             without = tuple(filter(None, args.without.split(",")))
             kind = CrazyflieKind(args.variant, args.protocol, without, args.clock_rate, args.address)
             if args.world is None:
                 config = WorldConfig((SimUav(args.vehicle, args.vehicle, tracking_noise_m=0.01),), (), step_s=0.02)
-                world = World.create(Path(folder), config)
+                folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="crazyflie-")))
+                world = World.create(folder, config)
             else:
                 world = World(args.world)
-            sock = _bound(args.host, args.port)
+            sock = stack.enter_context(contextlib.closing(_bound(args.host, args.port)))
             server = CrazyflieServer(world, args.vehicle, sock, kind, feed=args.feed)
         except SimulationError as error:
             print(f"crazyflie_server: {error}", file=sys.stderr)
             return 2
-        with contextlib.closing(sock):
-            print(f"ready udp://{args.host}:{sock.getsockname()[1]}", flush=True)
-            server.run(stop, args.parent)
+        print(f"ready udp://{args.host}:{sock.getsockname()[1]}", flush=True)
+        server.run(stop, args.parent)
     return 0
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -56,9 +57,23 @@ def replayed(mission: Mission, tape: Tape) -> None:
         state, gate = result.state, verdict.state
 
 
-@settings(max_examples=8, deadline=None)
-@given(seed=st.integers(0, 10_000), faults=st.integers(1, 5))
+SEEDS, FAULTS = st.integers(0, 10_000), st.integers(1, 5)
+
+
+@settings(max_examples=3, deadline=None)
+@given(seed=SEEDS, faults=FAULTS)
 def test_every_flight_ends_with_everybody_down_and_replays(seed: int, faults: int) -> None:
+    _flown_and_replayed(seed, faults)
+
+
+@pytest.mark.slow
+@settings(max_examples=25, deadline=None)
+@given(seed=SEEDS, faults=FAULTS)
+def test_many_flights_end_with_everybody_down_and_replay(seed: int, faults: int) -> None:
+    _flown_and_replayed(seed, faults)
+
+
+def _flown_and_replayed(seed: int, faults: int) -> None:
     mission = load(LAB, {"random_faults": {"count": faults, "seed": seed}})
     fleet = connect(mission, seed=seed, horizon_s=lab_plan().makespan_s)
     fleet.connect(30.0)

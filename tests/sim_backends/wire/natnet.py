@@ -30,7 +30,9 @@ class Server:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.kill()
+        self.process.send_signal(signal.SIGCONT)
+        self.process.terminate()
+        self.process.wait(20.0)
         for pipe in (self.process.stdout, self.process.stderr):
             if pipe is not None:
                 pipe.close()

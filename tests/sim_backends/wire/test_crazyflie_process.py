@@ -27,8 +27,8 @@ def alone() -> Iterator[tuple[subprocess.Popen[str], tuple[str, int]]]:
     word, _, uri = process.stdout.readline().strip().partition(" ")
     assert word == "ready"
     yield process, ("127.0.0.1", int(uri.rpartition(":")[2]))
-    process.kill()
-    process.wait()
+    process.terminate()
+    process.wait(20.0)
 
 
 def test_answers_the_first_packet_after_it_said_ready(
