@@ -16,7 +16,7 @@ from deploy.planning import LOADING, plan_with_margin
 from planner.plan import Move, Plan, Recharge, Visit
 from planner.problem import Problem
 from planner.roads import Roads
-from planner.solve import Params, Stop, warm_up
+from planner.solve import DEFAULT_METHOD, Params, Stop, warm_up
 
 DEFAULT_TIME_S = 5.0
 
@@ -91,7 +91,7 @@ def _check_writable(path: Path) -> None:
 
 
 def _problem(file: Path, planner: str | None, seed: int | None) -> _Task:
-    params = Params() if planner is None else Params(method=planner)
+    params = Params(planner or DEFAULT_METHOD)
     return _Task(Problem.read(file), Stop(time_s=DEFAULT_TIME_S), seed or 0, params, file.stem)
 
 

@@ -13,7 +13,7 @@ from deploy.failsafe import override_problem
 from deploy.localisation import Localisation
 from deploy.section import Section
 from deploy.settings import Monitors, NotNegative, Positive, Replanning, Separation
-from planner.solve import METHODS
+from planner.solve import DEFAULT_METHOD, METHODS
 from sim_backends.faults import Fault
 
 Count = Annotated[int, Ge(1), Le(10_000)]
@@ -159,7 +159,7 @@ class ReplanBudget(Section):
 class Planner(Section):
     """Who plans, and for how long."""
 
-    method: str = Field(default="search", min_length=1)
+    method: str = Field(default=DEFAULT_METHOD, min_length=1)
     """Name of the method."""
     time_s: Positive | None = 5.0
     """Wall-clock time for the first plan, s."""

@@ -102,6 +102,7 @@ class Method(Protocol):
 
 
 METHODS = ("copcs", "search", "milp", "gls", "ts", "sa")
+DEFAULT_METHOD = "copcs"  # where nobody chose one
 
 
 def _method(name: str) -> Method:

@@ -53,7 +53,7 @@ def test_json_goes_to_standard_output_alone(problem: Path) -> None:
 def test_a_mission(problem: Path) -> None:
     code, out, _ = call("plan", DEMO, "--time", "0.3", "--json")
     assert code == 0
-    assert json.loads(out)["method"] == "search"
+    assert json.loads(out)["method"] == "copcs" and json.loads(out)["note"] is None
 
 
 def test_no_feasible_plan_is_said_in_words(problem: Path) -> None:
