@@ -202,9 +202,8 @@ class _Walker:
 
     def walks(self, first: _Draft, warm: bool) -> _Draft:
         """The best plan on some walks from ``first``, the last of them for thrift from the best so far."""
-        n, heat = 1, self.s.options.warm
-        if not warm:
-            heat = 1.0
+        n, heat = 1, self.s.options.warm if warm else 1.0
+        if heat >= 1.0:  # the start may be left far behind
             if self.budget.stop.time_s is not None:  # how fast it goes, from a few steps
                 self._anneal(first.copy(), first.copy(), self.budget.steps(1.0), 1.0, 1.0, 0.0)
             n = int(self.budget.left() / (WALK_STEPS * max(MIN_TASKS, int((self.s.visited == 0).sum()))))
