@@ -13,7 +13,8 @@ pytestmark = pytest.mark.slow  # the network's kernels are compiled
 
 
 def test_an_answer_says_that_search_took_over_from_the_network() -> None:
-    request = PlanRequest(1, world.problem(n_uavs=1, n_ugvs=1), (), "test", urgent=False)  # metres, not kilometres
+    problem = world.problem(n_uavs=1, n_ugvs=1, charge_s=1e5)  # a day to charge
+    request = PlanRequest(1, problem, (), "test", urgent=False)
     reply = answer(request, ReplanSettings(method="copcs"), Stop(iterations=500))
     assert reply.usable and reply.note is not None
     assert reply.note.startswith("search took over: the network was trained on other problems")
