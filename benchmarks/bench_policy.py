@@ -25,6 +25,7 @@ from planner import kernel
 from planner.errors import exit_on_error
 from planner.instances import data_set
 from planner.policy import tokens_kernel as tk
+from planner.policy.blas import kernels, one_thread
 from planner.policy.complete_kernel import complete
 from planner.policy.config import PlusConfig
 from planner.policy.decode import Policy
@@ -191,6 +192,8 @@ def main() -> None:
         net.load_state_dict({k: torch.from_numpy(v) for k, v in tensors.items()}, strict=False)
     net.eval()
     policy = Policy(config, tensors)
+    one_thread()
+    print(f"matrix products: {kernels()}, one thread")
     print(f"{config}, {sum(x.numel() for x in net.parameters()):,} parameters")
     for name in given.sets.split(","):
         target = TARGET_HZ[data_set(name).setup]

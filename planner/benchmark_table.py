@@ -10,16 +10,18 @@ from pathlib import Path
 import numpy as np
 
 from planner.benchmark import Entry, Row
+from planner.benchmark_compare import against_baselines, against_paper, against_search, solved
 from planner.instances import DATA_SETS
 from planner.paper import METHODS, PAPER
 from planner.presets import PRESETS, TEAMS
 
 COMPARABLE = """\
-**What can be compared.** All rows of this run: the same instances, the same evaluator, the same machine, one core each.
-Ratios between methods of one run. **What cannot:** absolute figures with the paper's. Its maps, tasks, recharge times,
-docks and what waiting costs are not published; ours are in docs/instances.md and docs/planning.md. The paper's
-baselines are our reading of a scheme that it names but does not describe; its UGV energies fit UGVs that tour all path
-points (`-tour`), the scheme in the literature stops as rarely as it can (`gls`, `ts`, `sa`).
+**What can be compared.** All rows of this run: the same instances, the same evaluator, the same machine, one core each
+(two where a row says so). Ratios between methods of one run. **What cannot:** absolute figures with the paper's. Its
+maps, tasks, recharge times, docks and what waiting costs are not published; ours are in docs/instances.md and
+docs/planning.md. The paper's baselines are our reading of a scheme that it names but does not describe; its UGV
+energies fit UGVs that tour all path points (`-tour`), the scheme in the literature stops as rarely as it can (`gls`,
+`ts`, `sa`).
 
 Means over the test instances of each data set, plus or minus the standard error, over feasible plans only: a method
 that is feasible on fewer is judged on the easier ones. Energies are flying and hovering (UAV), driving and standing
@@ -72,7 +74,7 @@ def _cell(rows: Sequence[Row]) -> Cell:
 
 def markdown(rows: Sequence[Row], given: Sequence[Entry], note: str = "") -> str:
     """The table: one block a setup and measure, our methods above the paper's."""
-    found = cells(rows)
+    found, fine = cells(rows), solved(rows)
     names = [e for e in given if any(key[1] == e.name for key in found)]
     lines = ["# Benchmark", "", *([note, ""] if note else []), COMPARABLE]
     lines += ["| Row | What it is |", "|---|---|", *(f"| {e.name} | {e.words} |" for e in names), ""]
@@ -94,7 +96,10 @@ def markdown(rows: Sequence[Row], given: Sequence[Entry], note: str = "") -> str
         for e in names:
             texts = [_share(found.get((f"{setup}_{team}", e.name))) for team in teams]
             lines.append(f"| {e.name} | {' | '.join(texts)} |")
-        lines += ["", *_best_baseline(rows, setup, teams, names), *_proofs(found, setup, teams, names)]
+        lines.append("")
+        for compare in (against_baselines, against_paper, against_search):
+            lines += compare(fine, setup, teams, names)
+        lines += _proofs(found, setup, teams, names)
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -107,58 +112,6 @@ def _number(cell: Cell | None, k: int) -> str:
 
 def _share(cell: Cell | None) -> str:
     return "-" if cell is None else f"{cell.feasible}/{cell.count}, {cell.planning_s:.2f} s"
-
-
-def _best_baseline(rows: Sequence[Row], setup: str, teams: Sequence[str], names: Sequence[Entry]) -> list[str]:
-    """How search's means compare with the best of each reading of the baselines, over the instances of both."""
-    fine: dict[tuple[str, str], dict[int, Row]] = {}
-    for row in rows:
-        if row.feasible:
-            fine.setdefault((row.data_set, row.entry), {})[row.instance] = row
-    readings: dict[str, list[str]] = {}
-    for e in names:
-        if e.method in ("gls", "ts", "sa"):
-            suffix = e.name.removeprefix(e.method)
-            readings.setdefault(
-                {"": "published, time as search", "-15s": "published, 15 s a stop"}.get(suffix, suffix[1:]), []
-            ).append(e.name)
-    lines = []
-    for reading, entries_ in readings.items():
-        for team in teams:
-            mine = fine.get((f"{setup}_{team}", "search"), {})
-            best: tuple[float, str, list[int]] | None = None
-            for name in entries_:
-                theirs = fine.get((f"{setup}_{team}", name), {})
-                both = sorted(mine.keys() & theirs.keys())
-                if both:
-                    longer = _mean([theirs[i] for i in both], 0) / _mean([mine[i] for i in both], 0)
-                    best = min(best or (math.inf, "", []), (longer, name, both))
-            if best is None:
-                continue
-            ratio, name, both = best
-            theirs = fine[f"{setup}_{team}", name]
-            more = [_mean([mine[i] for i in both], k) / _mean([theirs[i] for i in both], k) - 1.0 for k in (1, 2)]
-            shorter, longer = 100 * (1 - 1 / ratio), 100 * (ratio - 1)
-            lines.append(
-                f"| {reading} | {team} | {name} | {len(both)} | {shorter:.1f} % | {longer:.1f} % "
-                f"| {100 * more[0]:+.0f} % | {100 * more[1]:+.0f} % |"
-            )
-    if not lines:
-        return []
-    return [
-        f"Search against the best of gls, ts and sa, {setup}, over the instances that both solve. "
-        "Energies: search's, more or less than theirs.",
-        "",
-        "| Baselines | Team | Best | Instances | Search is shorter by | It is longer by | UAV energy | UGV energy |",
-        "|---|---|---|---:|---:|---:|---:|---:|",
-        *lines,
-        "",
-    ]
-
-
-def _mean(rows: Sequence[Row], k: int) -> float:
-    names = ("makespan_s", "uav_energy_j", "ugv_energy_j")
-    return float(np.mean([getattr(r, names[k]) for r in rows])) or 1e-9
 
 
 def _proofs(found: dict[tuple[str, str], Cell], setup: str, teams: Sequence[str], names: Sequence[Entry]) -> list[str]:

@@ -36,6 +36,7 @@ DRIVE = 1e-2  # what a second that a UGV drives costs on the walk
 WALK_STEPS = 16_000  # of one walk, for each task: more go into further walks from the start ...
 MOST_WALKS = 8  # ... up to so many
 MIN_TASKS = 10  # fewer count as that many
+COOLER = 0.5  # first temperature of every other worker, as a share, where there is time for one walk only
 THRIFT_FROM = 0.9  # from this share of the budget on, UGVs shall drive less within the makespan reached
 THRIFT = 5e-2  # what a second that a UGV drives costs then
 SEEDS = 1 << 40  # from one worker's seed to the next
@@ -54,7 +55,8 @@ class Options:
         cold: last temperature as such a share.
         ruin: share of steps with a large move, see ``planner.ruin_kernel``.
         warm: first temperature from a given start, as a share of ``hot``: its structure is worth keeping.
-        workers: walks at the same time, each in a thread of its own; the best one counts. Steps are shared out.
+        workers: walks at the same time, each in a thread of its own; the best one counts. Steps are shared out. With
+            little time every other one begins at a lower temperature: it keeps more of the start.
     """
 
     allow_partial: bool = False
@@ -193,8 +195,8 @@ class _Budget:
 class _Walker:
     """Walks one after the other, in one thread; its random numbers and work space are its own."""
 
-    def __init__(self, s: _Search, seed: int, budget: _Budget, size: int) -> None:
-        self.s, self.budget = s, budget
+    def __init__(self, s: _Search, seed: int, budget: _Budget, size: int, cooler: float) -> None:
+        self.s, self.budget, self.cooler = s, budget, cooler
         self.work = s.arrays.work(unique=True)
         self.tools, self.marks = _space(s.world, self.work, size)
         # xorshift's state may not be 0; the multiplication spreads small seeds over all bits
@@ -208,6 +210,7 @@ class _Walker:
                 self._anneal(first.copy(), first.copy(), self.budget.steps(1.0), 1.0, 1.0, 0.0)
             n = int(self.budget.left() / (WALK_STEPS * max(MIN_TASKS, int((self.s.visited == 0).sum()))))
             n = max(1, min(MOST_WALKS, n))
+            heat *= self.cooler if n == 1 else 1.0
         begin = self.budget.share()
         found = []
         for k in range(n):
@@ -277,7 +280,8 @@ def search(problem: Problem, stop: Stop, seed: int, params: Params) -> Result:
     warm = params.start is not None and first is drafts[0]
     n = options.workers
     each = stop if stop.iterations is None else replace(stop, iterations=-(-stop.iterations // n))
-    walkers = [_Walker(s, seed + SEEDS * k, _Budget(each, begun), len(first.acts)) for k in range(n)]
+    size = len(first.acts)
+    walkers = [_Walker(s, seed + SEEDS * k, _Budget(each, begun), size, COOLER if k % 2 else 1.0) for k in range(n)]
     with ThreadPoolExecutor(n) as pool:  # the kernels free the GIL
         found = list(pool.map(lambda w: w.walks(first, warm), walkers))
     best = min(found, key=s.score)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from functools import cache
 
 import scipy.linalg.cython_blas  # noqa: F401  (numba takes its matrix products from there: it has to be loaded)
-from threadpoolctl import threadpool_limits
+from threadpoolctl import threadpool_info, threadpool_limits
 
 
 @cache
@@ -19,3 +19,12 @@ def one_thread() -> None:
     For good: the number belongs to the program, so plans that overlap could not give it back to one another.
     """
     threadpool_limits(limits=1, user_api="blas")
+
+
+def kernels() -> str:
+    """The linear algebra libraries of this program (numpy's, scipy's), and the processors that they take this one for.
+
+    OpenBLAS can be told to take a processor for an older one (OPENBLAS_CORETYPE); plans then take longer.
+    """
+    found = [x for x in threadpool_info() if x["user_api"] == "blas"]
+    return ", ".join(f"{x['internal_api']} {x['version']} for {x.get('architecture', 'unknown')}" for x in found)

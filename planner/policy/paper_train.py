@@ -110,11 +110,14 @@ def shuffled(data: Sequences, rows: NDArray[np.int64], config: PaperConfig, rng:
     return Sequences(graphs, np.where(visits, said - said % m + new, said))
 
 
-def loss_of(net: PaperNet, data: Sequences, rows: NDArray[np.int64], device: torch.device) -> tuple[torch.Tensor, int]:
+def loss_of(
+    net: PaperNet, data: Sequences, rows: NDArray[np.int64], device: torch.device, *, bfloat16: bool = False
+) -> tuple[torch.Tensor, int]:
     """Mean cross-entropy per action, equation (12), and how many actions the largest logit gets right."""
     graphs = Graphs(*(torch.from_numpy(x[rows]).to(device) for x in data.graphs))
     said = torch.from_numpy(data.said[rows]).to(device)
-    logits = net(graphs, said[:, :-1].clamp(min=0))
+    with torch.autocast(device.type, torch.bfloat16, bfloat16):
+        logits = net(graphs, said[:, :-1].clamp(min=0)).float()
     right = int((logits.detach().argmax(-1) == said).sum())
     return fn.cross_entropy(logits.flatten(0, 1), said.flatten(), ignore_index=-1), right
 
@@ -147,7 +150,7 @@ def train(
                 some, which = data, rows
                 if how.augment:
                     some, which = shuffled(data, rows, config, rng), np.arange(len(rows))
-                loss, right = loss_of(net, some, which, device)
+                loss, right = loss_of(net, some, which, device, bfloat16=how.bfloat16)
                 at.adam.zero_grad(set_to_none=True)
                 loss.backward()  # type: ignore[no-untyped-call]
                 torch.nn.utils.clip_grad_norm_(net.parameters(), how.clip)
@@ -194,6 +197,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--time", type=float, default=math.inf, help="in s")
     parser.add_argument("--dim", type=int, default=128)
     parser.add_argument("--radius", type=float, default=0.5)
+    parser.add_argument("--bfloat16", action="store_true", help="faster, where the processor has it")
     for name in ("no-augment", "no-uav-edges", "no-ugv-edges", "no-names"):
         parser.add_argument(f"--{name}", action="store_true")
     given = parser.parse_args(arguments)
@@ -211,6 +215,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         seed=given.seed,
         time_s=given.time,
         augment=not given.no_augment,
+        bfloat16=given.bfloat16,
     )
     pairs = [(one.instance(x.index), x.actions) for x in read_labels(given.labels, given.set)]
     data = sequences(pairs[: given.count], config, augment=not given.no_augment)

@@ -98,6 +98,14 @@ def test_table_and_plot(tmp_path) -> None:
     assert "| *paper: CoPCS* | *6618* | *3478* | *3465* | *2614* |" in text
     # over the instance that both solve: 900 against 2000 s
     assert "| published, time as search | 1-1 | gls | 1 | 55.0 % | 122.2 % | +0 % | +0 % |" in text
+    assert "| *paper: CoPCS*" not in text.split("## T15-P5: feasible")[1]  # nothing of ours to compare with it
+    given += [Entry("copcs", "copcs", SEARCH_S, "the network"), Entry("paper", "copcs", SEARCH_S, "x", network="hgt")]
+    rows += [row("T15-P5_1-1", "copcs", 990.0), row("T15-P5_1-1", "copcs", 1100.0, instance=801)]
+    more = markdown([*rows, row("T15-P5_1-1", "paper", 1800.0)], given)
+    assert "| copcs | published, time as search | 50.5 % | - | - | - |" in more  # 990 against 2000 s
+    assert "| paper | published" not in more
+    assert "| *paper: CoPCS* | *its own* | *23.6 %* | *45.6 %* | *45.2 %* | *50.1 %* |" in more
+    assert "| copcs | +4.5 % (2) | - | - | - |" in more and "| paper | +100.0 % (1) | - | - | - |" in more
     assert "1-1: milp proved 1 of 2 optimal, mean gap 5.0 %" in text
     assert "What cannot:" in text and "T45" not in text.split("## T15")[1]
     plot(rows, given, tmp_path / "p.png")
