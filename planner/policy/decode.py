@@ -236,7 +236,7 @@ class _Seat:
         s = self.s
         return _Node(
             clone(s.work), s.turn.done.copy(), s.turn.row.copy(), s.acts[: int(self.report[dk.D_ACTIONS])].copy(),
-            self.desk.way.copy(), self.report.copy(), cost,
+            self.desk.way.copy(), self.report.copy(), cost, self.s.acts[:0],
         )  # fmt: skip
 
     def back(self, node: _Node) -> None:
@@ -251,7 +251,7 @@ class _Seat:
 
 @dataclass(frozen=True, slots=True)
 class _Node:
-    """A plan half made: the state of all vehicles, the actions so far, a way to finish, the greedy end and its cost."""
+    """A plan half made: the state of all vehicles, the actions so far, a way to finish, the greedy plan and its cost."""
 
     work: Work
     done: kernel.Flags
@@ -260,6 +260,7 @@ class _Node:
     way: Codes
     report: Floats
     cost: float
+    end: Codes
 
 
 class Policy:
@@ -412,10 +413,10 @@ class Policy:
         xy = seat.turned(symmetry)
         seat.begin()
         sure = bool(seat.report[dk.D_CERTAIN])
-        nodes = [seat.keep(math.inf)]
+        first = seat.keep(math.inf)
         seat.run(xy)
         best = seat.result(sure, whole=False)
-        decisions = best.decisions
+        nodes, decisions = [replace(first, cost=best.cost, end=best.codes)], best.decisions
         while nodes and time.perf_counter() - begun < time_s:
             children: dict[bytes, _Node] = {}
             for node in nodes:
@@ -438,12 +439,19 @@ class Policy:
                         continue
                     found += 1
                     child = seat.keep(math.inf)
-                    seat.report[dk.D_DECISIONS] = 0
-                    seat.run(xy)
-                    end = seat.result(sure, whole=False)
-                    decisions += end.decisions
-                    best = min(best, end, key=lambda x: x.cost)
-                    children.setdefault(child.acts.tobytes() + child.done.tobytes(), replace(child, cost=end.cost))
+                    key, n = child.acts.tobytes() + child.done.tobytes(), len(child.acts)
+                    if key in children:
+                        continue
+                    if n > len(node.acts) and np.array_equal(child.acts, node.end[:n]):
+                        child = replace(child, cost=node.cost, end=node.end)  # what greedy does there is known
+                    else:
+                        seat.report[dk.D_DECISIONS] = 0
+                        seat.run(xy)
+                        end = seat.result(sure, whole=False)
+                        decisions += end.decisions
+                        best = min(best, end, key=lambda x: x.cost)
+                        child = replace(child, cost=end.cost, end=end.codes)
+                    children[key] = child
             nodes = sorted(children.values(), key=lambda x: x.cost)[:width]
         known = seat.result(sure)
         if known.cost < best.cost:  # how sure the network is, is still told of its own plan
