@@ -170,8 +170,9 @@ def test_sampling_and_beam_find_better_plans(policy: Policy) -> None:
 def test_a_beam_does_not_decode_what_it_knows(policy: Policy) -> None:
     problem, alone = preset("T15-P5", (2, 1), 3), policy.alone()
     greedy, narrow = alone.greedy(problem), alone.beam(problem, 1, 1)
-    assert (narrow.codes == greedy.codes).all()
-    assert narrow.decisions <= 2 * greedy.decisions + 1  # its own way once, then one look at each step
+    assert narrow.cost <= greedy.cost
+    n = greedy.decisions
+    assert narrow.decisions < n * (n + 1) / 4  # it follows greedy's plan most of the way
 
 
 def test_what_cannot_be_finished_is_said_to_be_so(policy: Policy) -> None:
