@@ -251,7 +251,7 @@ class _Seat:
 
 @dataclass(frozen=True, slots=True)
 class _Node:
-    """A plan half made: the state of all vehicles, the actions so far, a way to finish, the greedy plan and its cost."""
+    """A plan half made: the state of all vehicles, actions so far, a way to finish, the greedy plan and its cost."""
 
     work: Work
     done: kernel.Flags

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import cast
+
+from numba import njit
 
 from planner.jit import HERE, F, compiled, stamp
 
@@ -17,6 +20,11 @@ def jit(function: F) -> F:
     Nothing calls these as C functions; without that entrance they compile in less time.
     """
     return compiled(function, _STAMP, no_cfunc_wrapper=True)
+
+
+def inlined(function: F) -> F:
+    """Makes a small function part of every one that calls it, with exact arithmetic: for innermost loops."""
+    return cast(F, njit(inline="always", nogil=True, error_model="numpy")(function))
 
 
 def fast_jit(function: F) -> F:

@@ -4,7 +4,8 @@ Each UAV that is not done gets an open route. The makespan counts, then the sum 
 lacks counts as the recharges that it takes at the least. Where these are, and whom they wait for, is left open:
 ``staged_kernel`` puts them in. ``alone`` looks for routes that need none.
 
-The inner functions take arrays, not tuples of arrays: numba counts references for every array at every call.
+The inner functions take arrays, not tuples of arrays: numba counts references for every array at every call. For the
+same reason the smallest are inlined.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from planner.kernel import (
     Work,
     World,
 )
-from planner.policy.jit import jit
+from planner.policy.jit import inlined, jit
 from planner.policy.tokens_kernel import Turn
 
 SUM = 1e-3  # what a second of a route's end counts beside one of the makespan
@@ -49,7 +50,7 @@ A_TIME, A_PACE, A_SERVICE, A_FLY, A_SERVE, A_BUDGET, A_CHARGE, A_RECHARGE, A_SHO
 T_METRES, T_END = range(2)
 
 
-@jit
+@inlined
 def _lacks_j(uavs: Floats, near: Floats, u: int, metres: float, n: int, last: int) -> float:
     """Energy in J that UAV ``u`` lacks for a route of ``n`` tasks and to land; negative where some is left."""
     return float((metres + near[last]) * uavs[u, A_FLY] + n * uavs[u, A_SERVE] - uavs[u, A_BUDGET])
@@ -64,7 +65,7 @@ def _put(routes: Ints, sizes: Ints, u: int, at: int, m: int) -> None:
     sizes[u] += 1
 
 
-@jit
+@inlined
 def _end_s(uavs: Floats, near: Floats, u: int, metres: float, n: int, last: int) -> float:
     """When UAV ``u`` ends a route of ``n`` tasks, with the recharges that its energy needs at the least."""
     end = uavs[u, A_TIME] + metres * uavs[u, A_PACE] + n * uavs[u, A_SERVICE]
@@ -76,7 +77,7 @@ def _end_s(uavs: Floats, near: Floats, u: int, metres: float, n: int, last: int)
     return float(end + short * uavs[u, A_SHORT] + np.ceil(short / uavs[u, A_CHARGE]) * uavs[u, A_RECHARGE])
 
 
-@jit
+@inlined
 def _cheapest(dist: Floats, routes: Ints, u: int, n: int, start: int, m: int, out: int) -> tuple[int, float, float]:
     """Before which task of a route ``m`` costs the fewest metres (-1: it has none), how many, and how many at the end.
 
@@ -102,7 +103,8 @@ def _insert(
     n_uavs, most = uavs.shape[0], tasks.shape[0]
     ends, changes = np.full((most, n_uavs), np.inf), np.empty((most, n_uavs))  # the best place in each route,
     places = np.empty((most, n_uavs), np.int32)  # of each task that is in none
-    changed = -1  # the route that has changed, all at first
+    inner, grows = np.full((most, n_uavs), -1, np.int32), np.full((most, n_uavs), np.inf)  # the best but at the end
+    changed, at = -1, 0  # the route that has changed, all at first, and where
     for left in range(most, 0, -1):
         hardest, who, what = -np.inf, 0, 0
         for i in range(left):
@@ -111,28 +113,43 @@ def _insert(
                 if state[u, T_END] == -np.inf or changed not in (-1, u):
                     continue
                 n = sizes[u]
-                place, grow, behind = _cheapest(dist, routes, u, n, node[u], m, -1)
+                last = node[u] if n == 0 else routes[u, n - 1]
+                behind = dist[last, m]
+                if changed >= 0 and inner[i, u] == at and at < n - 1:  # what was the best place is no more
+                    inner[i, u], grows[i, u], _ = _cheapest(dist, routes, u, n, node[u], m, -1)
+                elif changed >= 0:
+                    if inner[i, u] > at:
+                        inner[i, u] += 1
+                    for k in range(at, min(at + 2, n)):
+                        before = node[u] if k == 0 else routes[u, k - 1]
+                        grow = dist[before, m] + dist[m, routes[u, k]] - dist[before, routes[u, k]]
+                        if grow < grows[i, u] or (grow == grows[i, u] and k < inner[i, u]):
+                            inner[i, u], grows[i, u] = k, grow
                 end = _end_s(uavs, near, u, state[u, T_METRES] + behind, n + 1, m)
                 ends[i, u], places[i, u], changes[i, u] = end, n, behind
-                if place >= 0:
-                    end = _end_s(uavs, near, u, state[u, T_METRES] + grow, n + 1, routes[u, n - 1])
+                if inner[i, u] >= 0:
+                    end = _end_s(uavs, near, u, state[u, T_METRES] + grows[i, u], n + 1, routes[u, n - 1])
                     if end <= ends[i, u]:
-                        ends[i, u], places[i, u], changes[i, u] = end, place, grow
+                        ends[i, u], places[i, u], changes[i, u] = end, inner[i, u], grows[i, u]
             by = 0
             for u in range(1, n_uavs):
                 if ends[i, u] < ends[i, by]:
                     by = u
             if ends[i, by] > hardest:
                 hardest, who, what = ends[i, by], by, i
-        _put(routes, sizes, who, places[what, who], tasks[what])
+        changed, at = who, places[what, who]
+        _put(routes, sizes, who, at, tasks[what])
         n = sizes[who]
         state[who, T_METRES] += changes[what, who]
         state[who, T_END] = _end_s(uavs, near, who, state[who, T_METRES], n, routes[who, n - 1])
         tasks[what] = tasks[left - 1]
-        ends[what] = ends[left - 1]
-        places[what] = places[left - 1]
-        changes[what] = changes[left - 1]
-        changed = who
+        for u in range(n_uavs):
+            ends[what, u], places[what, u], changes[what, u] = (
+                ends[left - 1, u],
+                places[left - 1, u],
+                changes[left - 1, u],
+            )
+            inner[what, u], grows[what, u] = inner[left - 1, u], grows[left - 1, u]
 
 
 @jit
