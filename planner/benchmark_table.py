@@ -167,5 +167,16 @@ def _colour(name: str) -> str:
     method, _, reading = name.partition("-")
     if method in ("gls", "ts", "sa") and reading in hues:
         return hues[reading][("gls", "ts", "sa").index(method)]
-    ours = {"search": "#111827", "copcs": "#be185d", "copcs+beam": "#db2777", "copcs+search": "#f472b6"}
-    return {**ours, "search-0.3s": "#4b5563", "milp": "#a16207"}.get(name, "#6b7280")
+    ours = {
+        "search": "#111827",
+        "search-0.3s": "#4b5563",
+        "search-as-copcs": "#9ca3af",
+        "copcs": "#be185d",
+        "copcs-net": "#fbcfe8",
+        "copcs+beam": "#db2777",
+        "copcs+search": "#f472b6",
+        "paper": "#0f766e",
+        "mlp": "#5eead4",
+        "milp": "#a16207",
+    }
+    return ours.get(name, "#6b7280")

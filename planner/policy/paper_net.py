@@ -14,8 +14,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as fn
 
+from planner.plan import Move, Visit
 from planner.policy.config import PaperConfig
-from planner.policy.graph import n_actions
+from planner.policy.graph import action_of, n_actions
 
 
 class Graphs(NamedTuple):
@@ -103,6 +104,34 @@ class PaperNet(nn.Module):
         self.place = nn.Embedding(config.most, d)  # E^i
         self.decoder = nn.ModuleList(DecoderLayer(d) for _ in range(config.decoder_layers))
         self.out = nn.Linear(d, size, bias=False)  # W^u
+        if config.named:
+            self._begin()
+
+    @torch.no_grad()
+    def _begin(self) -> None:
+        """First weights with which 45 tasks are learned at all in our time; trained like all others.
+
+        From the usual ones the networks take very long to find out which number belongs to which action. So numbers and
+        words begin small, which lets positions through; cross-attention begins by copying what it looks at; and W^u
+        begins with the numbers of the nodes that an action is about, so that what is copied points at these actions.
+        """
+        c, first_uav = self.config, self.config.n_tasks + self.config.n_points + 1
+        self.name.weight *= 0.1
+        self.action.weight *= 0.3
+        self.place.weight *= 0.3
+        for layer in self.decoder:
+            assert isinstance(layer, DecoderLayer)
+            nn.init.eye_(layer.v_c.weight)
+        for index in range(n_actions(c)):
+            act = action_of(index, c)
+            if isinstance(act, Visit):
+                nodes = [act.task, first_uav + act.uav]
+            elif isinstance(act, Move):
+                site = c.n_points if act.path_point is None else act.path_point
+                nodes = [c.n_tasks + site, first_uav + c.n_uavs + act.ugv]
+            else:
+                nodes = [first_uav + act.uav, first_uav + c.n_uavs + act.ugv]
+            self.out.weight[index] = 0.5 * fn.normalize(self.name.weight[nodes].sum(dim=0), dim=0)
 
     def encode(self, g: Graphs) -> Tensor:
         """Embeddings H of all nodes, (B, N, d)."""

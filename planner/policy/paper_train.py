@@ -182,7 +182,7 @@ def measure(net: PaperNet, data: Sequences, batch: int, device: torch.device) ->
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """The command line."""
-    how = Training(epochs=200, batch=64, rate=5e-4)
+    how = Training(epochs=20, batch=64, rate=2e-3)
     parser = argparse.ArgumentParser(prog="python -m planner.policy.paper_train", description="Trains network paper.")
     parser.add_argument("--labels", type=Path, default=Path("benchmarks/labels"))
     parser.add_argument("--set", required=True, help="the data set")
