@@ -11,8 +11,7 @@ from planner.benchmark import Entry, Row
 from planner.paper import PAPER
 
 BASELINES = ("gls", "ts", "sa")
-READINGS = {"": "published, time as search", "-15s": "published, 15 s a stop", "-tour": "tour", "-free": "free"}
-MEASURES = ("makespan_s", "uav_energy_j", "ugv_energy_j")
+READINGS = {"": "published, time as search", "-15s": "published, 15 s a stop"}  # others by their suffix
 Solved = Mapping[tuple[str, str], Mapping[int, Row]]  # feasible rows by data set and entry, then by instance
 
 
@@ -25,7 +24,7 @@ def solved(rows: Sequence[Row]) -> Solved:
     return found
 
 
-def ratio(fine: Solved, data_set: str, mine: str, theirs: str, measure: int = 0) -> tuple[float, int]:
+def ratio(fine: Solved, data_set: str, mine: str, theirs: str, measure: str = "makespan_s") -> tuple[float, int]:
     """Mean of ``mine`` by mean of ``theirs`` over the instances that both solve, and how many these are.
 
     Args:
@@ -33,14 +32,13 @@ def ratio(fine: Solved, data_set: str, mine: str, theirs: str, measure: int = 0)
         data_set: its name.
         mine: name of an entry.
         theirs: likewise.
-        measure: index in ``MEASURES``.
+        measure: attribute of ``Row``.
     """
     one, other = fine.get((data_set, mine), {}), fine.get((data_set, theirs), {})
     both = sorted(one.keys() & other.keys())
     if not both:
         return math.nan, 0
-    name = MEASURES[measure]
-    means = [float(np.mean([getattr(rows[i], name) for i in both])) or 1e-9 for rows in (one, other)]
+    means = [float(np.mean([getattr(rows[i], measure) for i in both])) or 1e-9 for rows in (one, other)]
     return means[0] / means[1], len(both)
 
 
@@ -49,7 +47,8 @@ def _readings(given: Sequence[Entry]) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     for e in given:
         if e.method in BASELINES:
-            found.setdefault(READINGS[e.name.removeprefix(e.method)], []).append(e.name)
+            suffix = e.name.removeprefix(e.method)
+            found.setdefault(READINGS.get(suffix, suffix.lstrip("-")), []).append(e.name)
     return found
 
 
@@ -59,7 +58,7 @@ def _best(fine: Solved, data_set: str, mine: str, names: Sequence[str]) -> tuple
     return max(((r, name, n) for name, r, n in found if n), key=lambda x: x[0], default=None)
 
 
-def _table(head: Sequence[str], words: int, lines: Sequence[str], text: str) -> list[str]:
+def _table(text: str, head: Sequence[str], words: int, lines: Sequence[str]) -> list[str]:
     """A table with a sentence above, nothing where it would be empty; behind ``words`` columns come numbers."""
     if not lines:
         return []
@@ -75,7 +74,8 @@ def against_baselines(fine: Solved, setup: str, teams: Sequence[str], given: Seq
             if best is None:
                 continue
             share, name, n = best
-            more = [ratio(fine, f"{setup}_{team}", "search", name, k)[0] - 1 for k in (1, 2)]
+            energies = ("uav_energy_j", "ugv_energy_j")
+            more = [ratio(fine, f"{setup}_{team}", "search", name, x)[0] - 1 for x in energies]
             lines.append(
                 f"| {reading} | {team} | {name} | {n} | {100 * (1 - share):.1f} % | {100 * (1 / share - 1):.1f} % "
                 f"| {100 * more[0]:+.0f} % | {100 * more[1]:+.0f} % |"
@@ -83,7 +83,7 @@ def against_baselines(fine: Solved, setup: str, teams: Sequence[str], given: Seq
     head = ("Baselines", "Team", "Best", "Instances", "Search is shorter by", "It is longer by", "UAV energy",
             "UGV energy")  # fmt: skip
     text = f"Search against the best of gls, ts and sa, {setup}, over the instances that both solve. "
-    return _table(head, 3, lines, text + "Energies: search's, more or less than theirs.")
+    return _table(text + "Energies: search's, more or less than theirs.", head, 3, lines)
 
 
 def against_search(fine: Solved, setup: str, teams: Sequence[str], given: Sequence[Entry]) -> list[str]:
@@ -97,19 +97,19 @@ def against_search(fine: Solved, setup: str, teams: Sequence[str], given: Sequen
             texts = [f"{100 * (r - 1):+.1f} % ({n})" if n else "-" for r, n in found]
             lines.append(f"| {e.name} | {' | '.join(texts)} |")
     text = f"Makespans against those of search, {setup}, over the instances that both solve (how many)."
-    return _table(("Row", *teams), 1, lines, text)
+    return _table(text, ("Row", *teams), 1, lines)
 
 
 def against_paper(fine: Solved, setup: str, teams: Sequence[str], given: Sequence[Entry]) -> list[str]:
-    """How much shorter the network's plans are than the best baseline's, for each reading; the paper's CoPCS last."""
+    """How much shorter the networks' plans are than the best baseline's, for each reading; the paper's CoPCS last."""
     lines = []
     for reading, names in _readings(given).items():
         for e in given:
-            if e.method != "copcs" or e.network:
+            if e.method != "copcs":
                 continue
             found = [_best(fine, f"{setup}_{team}", e.name, names) for team in teams]
             if any(found):
-                texts = ["-" if best is None else f"{100 * (1 - best[0]):.1f} %" for best in found]
+                texts = ["-" if best is None else f"{100 * (1 - best[0]):.1f} % ({best[2]})" for best in found]
                 lines.append(f"| {e.name} | {reading} | {' | '.join(texts)} |")
     if lines:
         theirs = []
@@ -120,4 +120,4 @@ def against_paper(fine: Solved, setup: str, teams: Sequence[str], given: Sequenc
     text = (
         f"Makespans shorter than those of the best of gls, ts and sa by, {setup}, over the instances that both solve."
     )
-    return _table(("Row", "Baselines", *teams), 2, lines, text)
+    return _table(text, ("Row", "Baselines", *teams), 2, lines)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from planner.benchmark import Entry, Row
-from planner.benchmark_compare import against_baselines, against_paper, against_search, solved
+from planner.benchmark_compare import BASELINES, against_baselines, against_paper, against_search, solved
 from planner.instances import DATA_SETS
 from planner.paper import METHODS, PAPER
 from planner.presets import PRESETS, TEAMS
@@ -26,7 +26,7 @@ energies fit UGVs that tour all path points (`-tour`), the scheme in the literat
 Means over the test instances of each data set, plus or minus the standard error, over feasible plans only: a method
 that is feasible on fewer is judged on the easier ones. Energies are flying and hovering (UAV), driving and standing
 (UGV); the energy given to UAVs is in neither. Rows with fewer instances (see the feasible plans) are not to be compared
-with others by their means; the comparison with search below is over the same instances.
+with others by their means; the comparisons below are over the same instances.
 """
 
 
@@ -165,8 +165,8 @@ def _colour(name: str) -> str:
         "free": ("#7e22ce", "#c084fc", "#e9d5ff"),
     }
     method, _, reading = name.partition("-")
-    if method in ("gls", "ts", "sa") and reading in hues:
-        return hues[reading][("gls", "ts", "sa").index(method)]
+    if method in BASELINES and reading in hues:
+        return hues[reading][BASELINES.index(method)]
     ours = {
         "search": "#111827",
         "search-0.3s": "#4b5563",

@@ -55,8 +55,9 @@ class Options:
         cold: last temperature as such a share.
         ruin: share of steps with a large move, see ``planner.ruin_kernel``.
         warm: first temperature from a given start, as a share of ``hot``: its structure is worth keeping.
-        workers: walks at the same time, each in a thread of its own; the best one counts. Steps are shared out. With
-            little time every other one begins at a lower temperature: it keeps more of the start.
+        workers: walks at the same time, each in a thread of its own; the best one counts. Steps are shared out.
+            Where there is time for one walk each, and no start is given that shall be kept, every other one begins at a
+            lower temperature.
     """
 
     allow_partial: bool = False
@@ -206,16 +207,17 @@ class _Walker:
         """The best plan on some walks from ``first``, the last of them for thrift from the best so far."""
         n, heat = 1, self.s.options.warm if warm else 1.0
         if heat >= 1.0:  # the start may be left far behind
-            if self.budget.stop.time_s is not None:  # how fast it goes, from a few steps
-                self._anneal(first.copy(), first.copy(), self.budget.steps(1.0), 1.0, 1.0, 0.0)
-            n = int(self.budget.left() / (WALK_STEPS * max(MIN_TASKS, int((self.s.visited == 0).sum()))))
+            length = WALK_STEPS * max(MIN_TASKS, int((self.s.visited == 0).sum()))
+            if self.budget.stop.time_s is not None and self.budget.left() > 0.5 * length:  # it might be several walks
+                self._anneal(first.copy(), first.copy(), self.budget.steps(1.0), 1.0, 1.0, 0.0)  # how fast does it go?
+            n = int(self.budget.left() / length)
             n = max(1, min(MOST_WALKS, n))
             heat *= self.cooler if n == 1 else 1.0
         begin = self.budget.share()
         found = []
         for k in range(n):
-            length = (THRIFT_FROM - begin) / n
-            found.append(self._walk(first, begin + length * k, begin + length * (k + 1), heat))
+            share = (THRIFT_FROM - begin) / n
+            found.append(self._walk(first, begin + share * k, begin + share * (k + 1), heat))
         best = min(found, key=self._score)
         return self._walk(best, THRIFT_FROM, 1.0, 0.0, cap_s=self._span(best) + 1e-6)
 

@@ -14,7 +14,7 @@ import time
 from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -231,12 +231,12 @@ class _Seat:
         self.run(self.turned(symmetry), heat, None if seed is None else np.random.default_rng(seed))
         return self.result(sure)
 
-    def keep(self, cost: float) -> _Node:
+    def keep(self) -> _Node:
         """The present state, to come back to."""
         s = self.s
         return _Node(
             clone(s.work), s.turn.done.copy(), s.turn.row.copy(), s.acts[: int(self.report[dk.D_ACTIONS])].copy(),
-            self.desk.way.copy(), self.report.copy(), cost, self.s.acts[:0],
+            self.desk.way.copy(), self.desk.hint.copy(), self.report.copy(),
         )  # fmt: skip
 
     def back(self, node: _Node) -> None:
@@ -245,22 +245,29 @@ class _Seat:
         copy_work(node.work, s.work)
         s.turn.done[:], s.turn.row[:] = node.done, node.row
         s.acts[: len(node.acts)] = node.acts
-        self.desk.way[:] = node.way
+        self.desk.way[:], self.desk.hint[:] = node.way, node.hint
         self.report[: dk.D_BEST_N] = node.report[: dk.D_BEST_N]  # the best plan known stays known
 
 
 @dataclass(frozen=True, slots=True)
 class _Node:
-    """A plan half made: the state of all vehicles, actions so far, a way to finish, the greedy plan and its cost."""
+    """A plan half made: the state of all vehicles, the actions so far, a way to finish, and counts.
+
+    Attributes:
+        work, done, row, acts, way, hint, report: as in ``_Seat``, ``Turn`` and ``Desk``.
+        cost: of the plan that greedy makes of it.
+        end: all actions of that plan.
+    """
 
     work: Work
     done: kernel.Flags
     row: kernel.Ints
     acts: Codes
     way: Codes
+    hint: Codes
     report: Floats
-    cost: float
-    end: Codes
+    cost: float = math.inf
+    end: Codes = field(default_factory=lambda: np.empty(0, np.int64))
 
 
 class Policy:
@@ -413,7 +420,7 @@ class Policy:
         xy = seat.turned(symmetry)
         seat.begin()
         sure = bool(seat.report[dk.D_CERTAIN])
-        first = seat.keep(math.inf)
+        first = seat.keep()
         seat.run(xy)
         best = seat.result(sure, whole=False)
         nodes, decisions = [replace(first, cost=best.cost, end=best.codes)], best.decisions
@@ -438,11 +445,11 @@ class Policy:
                     if not seat.take(u, 0 if force else options[k], force=force):
                         continue
                     found += 1
-                    child = seat.keep(math.inf)
+                    child = seat.keep()
                     key, n = child.acts.tobytes() + child.done.tobytes(), len(child.acts)
                     if key in children:
                         continue
-                    if n > len(node.acts) and np.array_equal(child.acts, node.end[:n]):
+                    if not force and n > len(node.acts) and np.array_equal(child.acts, node.end[:n]):
                         child = replace(child, cost=node.cost, end=node.end)  # what greedy does there is known
                     else:
                         seat.report[dk.D_DECISIONS] = 0

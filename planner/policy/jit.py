@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import cast
-
-from numba import njit
 
 from planner.jit import HERE, F, compiled, stamp
 
@@ -24,7 +21,7 @@ def jit(function: F) -> F:
 
 def inlined(function: F) -> F:
     """Makes a small function part of every one that calls it, with exact arithmetic: for innermost loops."""
-    return cast(F, njit(inline="always", nogil=True, error_model="numpy")(function))
+    return compiled(function, _STAMP, inline="always")
 
 
 def fast_jit(function: F) -> F:

@@ -99,7 +99,10 @@ def _cheapest(dist: Floats, routes: Ints, u: int, n: int, start: int, m: int, ou
 def _insert(
     dist: Floats, near: Floats, uavs: Floats, node: Ints, tasks: Ints, routes: Ints, sizes: Ints, state: Floats
 ) -> None:
-    """Farthest insertion of all tasks; ``tasks`` is used up."""
+    """Farthest insertion of all tasks into empty routes; ``tasks`` is used up.
+
+    The best place of each task inside each route is kept, and looked for anew only where it is split.
+    """
     n_uavs, most = uavs.shape[0], tasks.shape[0]
     ends, changes = np.full((most, n_uavs), np.inf), np.empty((most, n_uavs))  # the best place in each route,
     places = np.empty((most, n_uavs), np.int32)  # of each task that is in none
@@ -115,7 +118,7 @@ def _insert(
                 n = sizes[u]
                 last = node[u] if n == 0 else routes[u, n - 1]
                 behind = dist[last, m]
-                if changed >= 0 and inner[i, u] == at and at < n - 1:  # what was the best place is no more
+                if changed >= 0 and inner[i, u] == at:  # what was the best place is no more
                     inner[i, u], grows[i, u], _ = _cheapest(dist, routes, u, n, node[u], m, -1)
                 elif changed >= 0:
                     if inner[i, u] > at:
@@ -143,13 +146,12 @@ def _insert(
         state[who, T_METRES] += changes[what, who]
         state[who, T_END] = _end_s(uavs, near, who, state[who, T_METRES], n, routes[who, n - 1])
         tasks[what] = tasks[left - 1]
-        for u in range(n_uavs):
-            ends[what, u], places[what, u], changes[what, u] = (
-                ends[left - 1, u],
-                places[left - 1, u],
-                changes[left - 1, u],
-            )
-            inner[what, u], grows[what, u] = inner[left - 1, u], grows[left - 1, u]
+        for u in range(n_uavs):  # number by number: rows of arrays would be counted references
+            ends[what, u] = ends[left - 1, u]
+            places[what, u] = places[left - 1, u]
+            changes[what, u] = changes[left - 1, u]
+            inner[what, u] = inner[left - 1, u]
+            grows[what, u] = grows[left - 1, u]
 
 
 @jit
