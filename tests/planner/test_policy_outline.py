@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,9 +15,11 @@ from planner.arrays import decode
 from planner.instances import data_set
 from planner.kernel import U_CAPACITY, U_CRUISE, U_HOVER, U_RESERVE, U_SERVICE, U_SPEED
 from planner.plan import Visit
+from planner.policy import outline_kernel as ok
 from planner.policy import tokens_kernel as tk
 from planner.policy.outline_kernel import A_CHARGE, A_RECHARGE, SHORT, T_END, T_METRES, alone, outline, short_j
 from planner.policy.state import State, new_state
+from planner.presets import preset
 from planner.problem import Problem
 from planner.schedule import evaluate
 
@@ -27,6 +30,59 @@ def begun(problem: Problem) -> State:
     s = new_state(problem)
     tk.start(s.world, s.work, s.turn)
     return s
+
+
+def inserted(dist, near, uavs, node, tasks, state) -> list[list[int]]:
+    """Farthest insertion in plain words: every place of every route is looked at, every time."""
+    routes: list[list[int]] = [[] for _ in uavs]
+    metres = [0.0] * len(uavs)
+
+    def end(u: int, way: float, n: int, last: int) -> float:
+        return ok._end_s(uavs, near, u, way, n, last)
+
+    left = list(tasks)
+    while left:
+        best: list[tuple[float, int, int, float]] = []
+        for m in left:
+            found = (np.inf, 0, 0, 0.0)
+            for u, route in enumerate(routes):
+                if state[u, T_END] == -np.inf:
+                    continue
+                stops = [node[u], *route]
+                more = [dist[a, m] + dist[m, b] - dist[a, b] for a, b in itertools.pairwise(stops)]
+                mine = (end(u, metres[u] + dist[stops[-1], m], len(stops), m), u, len(route), dist[stops[-1], m])
+                if more:
+                    k = int(np.argmin(more))
+                    inside = end(u, metres[u] + more[k], len(stops), route[-1])
+                    if inside <= mine[0]:
+                        mine = (inside, u, k, more[k])
+                if mine[0] < found[0]:
+                    found = mine
+            best.append(found)
+        i = int(np.argmax([x[0] for x in best]))
+        _, u, k, more_m = best[i]
+        routes[u].insert(k, left[i])
+        metres[u] += more_m
+        left[i] = left[-1]
+        left.pop()
+    return routes
+
+
+@pytest.mark.parametrize("grid_m", [0.0, 1500.0])
+def test_insertion_is_that_of_looking_everywhere(grid_m: float) -> None:
+    for i, team in enumerate([(1, 1), (2, 1), (4, 2)] * 4):
+        problem = preset("T15-P5", team, i)
+        if grid_m:  # many places that are equally good
+            problem = replace(problem, tasks=np.round(problem.tasks / grid_m) * grid_m)
+        s = begun(problem)
+        w, o = s.world, s.turn.outline
+        outline(w, s.work, s.turn)
+        tasks = np.arange(problem.n_tasks, dtype=np.int32)
+        o.sizes[:], o.state[:, T_METRES], o.state[:, T_END] = 0, 0.0, s.work.us[:, 0]
+        o.state[1:2, T_END] = -np.inf if i % 2 else o.state[1:2, T_END]  # the second takes no part, sometimes
+        plain = inserted(w.dist, w.near, o.uavs, s.work.node, tasks.tolist(), o.state)
+        ok._insert(w.dist, w.near, o.uavs, s.work.node, tasks, o.routes, o.sizes, o.state)
+        assert [o.routes[u, : o.sizes[u]].tolist() for u in range(len(w.uavs))] == plain
 
 
 @given(problem=problems())

@@ -21,6 +21,7 @@ from planner.policy.paper_decode import PaperPolicy
 from planner.policy.paper_kernel import offer_all, say
 from planner.policy.paper_net import Graphs, PaperNet
 from planner.policy.paper_numpy import PaperModel
+from planner.policy.paper_train import loss_of as paper_loss_of
 from planner.policy.paper_train import measure, sequences, shuffled, train
 from planner.policy.state import new_state
 from planner.policy.training import Training
@@ -174,6 +175,29 @@ def test_it_plans_as_a_method(tmp_path: Path) -> None:
     )
     with pytest.raises(PlannerError, match="option decode is 'beam'; the paper's network plans greedy only"):
         solve(problem, stop, 0, Params("copcs", options={**options, "decode": "beam"}))
+
+
+def test_first_weights_point_from_numbers_to_actions() -> None:
+    w = network()[1]
+    name, out = w["name.weight"], w["out.weight"]
+    first_uav = CONFIG.n_tasks + CONFIG.n_points + 1
+    for index in range(n_actions(CONFIG)):
+        act = action_of(index, CONFIG)
+        if isinstance(act, Visit):
+            both = name[act.task] + name[first_uav + act.uav]
+            assert out[index] == pytest.approx(0.5 * both / np.linalg.norm(both), abs=1e-6)
+    assert (w["decoder.0.v_c.weight"] == np.eye(CONFIG.dim)).all()
+    other = network(replace(CONFIG, named=False))[1]
+    assert "name.weight" not in other and np.abs(other["out.weight"]).max() < 0.5
+
+
+def test_half_precision_learns_the_same(pairs: list[tuple[Problem, tuple[Action, ...]]]) -> None:
+    net, data = network()[0], sequences(pairs, CONFIG, augment=False)
+    rows, cpu = np.arange(len(data.said)), torch.device("cpu")
+    plain, half = (paper_loss_of(net, data, rows, cpu, bfloat16=x)[0] for x in (False, True))
+    assert float(half.detach()) == pytest.approx(float(plain.detach()), rel=0.02)
+    half.backward()
+    assert all(p.grad is not None and p.grad.dtype == torch.float32 for p in net.decoder.parameters())
 
 
 def test_numbering_tasks_anew_keeps_every_plan(pairs: list[tuple[Problem, tuple[Action, ...]]]) -> None:

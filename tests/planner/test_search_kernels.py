@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from strategies import problems
 
-from planner import kernel, moves_kernel, ruin_kernel, search_kernel
+from planner import kernel, moves_kernel, ruin_kernel, search, search_kernel
 from planner.arrays import arrays_of, decode, encode, encode_meets, meet
 from planner.plan import Recharge, Visit
 from planner.presets import preset
 from planner.problem import Problem
 from planner.search import Options as SearchOptions
-from planner.search import _Draft, _Search, _space
+from planner.search import _Draft, _Search, _space, _Walker
 from planner.solve import Params, Stop, solve
 
 ROWS = np.empty((0, 9))
@@ -157,3 +159,25 @@ def test_workers_keep_to_seed_and_steps() -> None:
         assert one.iterations == two.iterations == 20_000
         alone = solve(problem, Stop(iterations=10_000), 3).plan
         assert alone.makespan_s >= one.plan.makespan_s - 1.0  # two walks of that length, the best one counts
+
+
+def test_every_other_worker_begins_cooler_where_there_is_time_for_one_walk(monkeypatch: pytest.MonkeyPatch) -> None:
+    heats: list[tuple[float, int]] = []
+    walk = _Walker._walk
+
+    def noted(self: _Walker, first: Any, begin: float, end: float, heat: float, cap_s: float = 0.0) -> Any:
+        if cap_s == 0.0:
+            heats.append((heat, int(self.cooler < 1.0)))
+        return walk(self, first, begin, end, heat, cap_s)
+
+    monkeypatch.setattr(_Walker, "_walk", noted)
+    problem, options = preset("T15-P5", (2, 2), 5), {"workers": 3}
+    plan = solve(problem, Stop(iterations=3_000), 3, Params(options=options)).plan
+    assert sorted(heats) == [(0.5, 1), (1.0, 0), (1.0, 0)]
+    heats.clear()
+    solve(problem, Stop(iterations=3_000), 3, Params(start=plan.actions, options=options))
+    assert {heat for heat, _ in heats} == {0.15}  # a start that is worth keeping
+    heats.clear()
+    monkeypatch.setattr(search, "WALK_STEPS", 50)
+    solve(problem, Stop(iterations=3 * 2 * 50 * problem.n_tasks), 3, Params(options=options))
+    assert [heat for heat, _ in heats] == [1.0] * 6  # two walks each
