@@ -84,6 +84,8 @@ class PaperConfig:
         named: whether nodes carry their number. The paper's attributes do not tell which task "visit task 3" means:
             tasks lie anywhere, and attention does not see the order of nodes. Without numbers, the position of a task
             and the number of its action have nothing to do with one another.
+        by_place: whether tasks are numbered by where they lie (``graph.numbering``) instead of as they come: then
+            "visit task 3" means about the same place in every problem, which makes far less to learn.
     """
 
     n_tasks: int
@@ -99,6 +101,7 @@ class PaperConfig:
     uav_edges: bool = True
     ugv_edges: bool = True
     named: bool = True
+    by_place: bool = False
 
     def __post_init__(self) -> None:
         for name in ("n_tasks", "n_points", "n_uavs", "dim", "encoder_layers", "decoder_layers", "most"):

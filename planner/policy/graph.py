@@ -9,6 +9,7 @@ of the capacity.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -56,6 +57,22 @@ def sizes(config: PaperConfig) -> str:
     """The sizes of the network's data set, in words."""
     c = config
     return f"{c.n_tasks} tasks, {c.n_points} path points, {c.n_uavs} UAVs and {c.n_ugvs} UGVs"
+
+
+def numbering(problem: Problem) -> NDArray[np.int64]:
+    """Tasks in order of place, (M,): strips from west to east of about as many tasks each, up and down in turn."""
+    n = problem.n_tasks
+    strips = max(1, round(n**0.5))
+    order: list[int] = []
+    for k, strip in enumerate(np.array_split(np.argsort(problem.tasks[:, 0], kind="stable"), strips)):
+        north = np.argsort(problem.tasks[strip, 1], kind="stable")
+        order += strip[north if k % 2 == 0 else north[::-1]].tolist()
+    return np.array(order, dtype=np.int64)
+
+
+def renumbered(problem: Problem, order: NDArray[np.int64]) -> Problem:
+    """The problem with task ``order[k]`` as its ``k``-th."""
+    return replace(problem, tasks=problem.tasks[order], visited=problem.visited[order])
 
 
 def graph(problem: Problem, config: PaperConfig, turn: NDArray[np.float64] | None = None) -> Graph:

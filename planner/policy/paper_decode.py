@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from planner.policy.complete_kernel import complete, copy_work
 from planner.policy.config import PaperConfig
 from planner.policy.decode import Decoded
 from planner.policy.decode_kernel import cost_of
-from planner.policy.graph import fits, graph, index_of, n_actions, nothing, sizes
+from planner.policy.graph import fits, graph, index_of, n_actions, nothing, numbering, renumbered, sizes
 from planner.policy.paper_kernel import offer_all, say
 from planner.policy.paper_numpy import PaperModel
 from planner.policy.state import clone, new_state
@@ -89,6 +90,16 @@ class PaperPolicy:
         Raises:
             PlannerError: where the problem's sizes are not the network's, or an excluded vehicle does not exist.
         """
+        if not self.config.by_place or not fits(problem, self.config):
+            return self._greedy(problem, exclude_uavs, exclude_ugvs)
+        order = numbering(problem)
+        found = self._greedy(renumbered(problem, order), exclude_uavs, exclude_ugvs)
+        codes = found.codes.copy()
+        visits = codes >> kernel.KIND == kernel.VISIT
+        codes[visits] += order[codes[visits] & kernel.MASK] - (codes[visits] & kernel.MASK)
+        return replace(found, codes=codes)
+
+    def _greedy(self, problem: Problem, exclude_uavs: Collection[int], exclude_ugvs: Collection[int]) -> Decoded:
         saying = self.model.begin(self.model.encode(graph(problem, self.config)))
         s = new_state(problem, exclude_uavs, exclude_ugvs)
         world, work, turn = s.world, s.work, s.turn

@@ -2,8 +2,9 @@
 
 Where the paper leaves something open: edges lead to UAVs and to UGVs as equations (3) and (4) have it, a node's own
 edge is among the intra edges, scores are normalised over each set of edges apart, the first embedding h^0 is z (and the
-node's number, see ``PaperConfig.named``), and the sequence begins with a start symbol. ``paper_numpy`` computes the
-same without torch.
+node's number, see ``PaperConfig.named``), and the sequence begins with a start symbol. Beyond the paper are the numbers,
+that they tell where a task lies (``PaperConfig.by_place``), and the first weights (``_begin``); graph and MLP have them
+alike. ``paper_numpy`` computes the same without torch.
 """
 
 from __future__ import annotations
@@ -109,11 +110,11 @@ class PaperNet(nn.Module):
 
     @torch.no_grad()
     def _begin(self) -> None:
-        """First weights with which 45 tasks are learned at all in our time; trained like all others.
+        """First weights from which less is to be found out; trained like all others.
 
-        From the usual ones the networks take very long to find out which number belongs to which action. So numbers and
-        words begin small, which lets positions through; cross-attention begins by copying what it looks at; and W^u
-        begins with the numbers of the nodes that an action is about, so that what is copied points at these actions.
+        The usual ones say nothing of which number belongs to which action. Here numbers and words begin small, which
+        lets positions through; cross-attention begins by copying what it looks at; and W^u begins with the numbers of
+        the nodes that an action is about, so that what is copied from a node points at its actions.
         """
         c, first_uav = self.config, self.config.n_tasks + self.config.n_points + 1
         self.name.weight *= 0.1

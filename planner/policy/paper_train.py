@@ -2,8 +2,8 @@
 
 As the paper has it: teacher forcing on the expert's sequences, cross-entropy over the list of actions (equation 12),
 Adam. Beyond it: the rate rises and falls (``training.schedule``), and sequences are taken from all eight orientations
-of a problem, vehicles that are alike renamed by the labels' rule in each, and tasks numbered anew each time (unless
-switched off: ``--no-augment``).
+of a problem, vehicles that are alike renamed by the labels' rule in each (unless switched off: ``--no-augment``). Tasks
+are numbered by where they lie, or at random anew each time (``--no-place``).
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from planner.errors import PlannerError, exit_on_error
 from planner.instances import data_set
 from planner.labels import in_order
 from planner.labels import read as read_labels
-from planner.plan import Action
+from planner.plan import Action, Visit
 from planner.policy.config import PaperConfig
-from planner.policy.graph import Graph, graph, index_of, spoken
+from planner.policy.graph import Graph, graph, index_of, numbering, renumbered, spoken
 from planner.policy.paper_net import Graphs, PaperNet
 from planner.policy.state import SYMMETRIES
 from planner.policy.training import COLUMNS, Progress, Training
@@ -76,8 +76,12 @@ def sequences(
     said: list[list[int]] = []
     for problem, actions in pairs:
         for k in range(8 if augment else 1):
-            one = problem if k == 0 else turned(problem, SYMMETRIES[k])
-            said.append([index_of(a, config) for a in spoken(in_order(one, actions))])
+            one, acts = problem if k == 0 else turned(problem, SYMMETRIES[k]), actions
+            if config.by_place:
+                order = numbering(one)
+                one, new = renumbered(one, order), order.argsort()
+                acts = tuple(Visit(a.uav, int(new[a.task])) if isinstance(a, Visit) else a for a in acts)
+            said.append([index_of(a, config) for a in spoken(in_order(one, acts))])
             graphs.append(graph(one, config))
     longest = max((len(x) for x in said), default=0)
     if not 0 < longest < config.most:
@@ -148,7 +152,7 @@ def train(
                 rows = order[first : first + how.batch]
                 rate = at.rate(steps)
                 some, which = data, rows
-                if how.augment:
+                if how.augment and not config.by_place:
                     some, which = shuffled(data, rows, config, rng), np.arange(len(rows))
                 loss, right = loss_of(net, some, which, device, bfloat16=how.bfloat16)
                 at.adam.zero_grad(set_to_none=True)
@@ -182,7 +186,7 @@ def measure(net: PaperNet, data: Sequences, batch: int, device: torch.device) ->
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """The command line."""
-    how = Training(epochs=20, batch=64, rate=2e-3)
+    how = Training(epochs=10, batch=64, rate=2e-3)
     parser = argparse.ArgumentParser(prog="python -m planner.policy.paper_train", description="Trains network paper.")
     parser.add_argument("--labels", type=Path, default=Path("benchmarks/labels"))
     parser.add_argument("--set", required=True, help="the data set")
@@ -198,7 +202,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--dim", type=int, default=128)
     parser.add_argument("--radius", type=float, default=0.5)
     parser.add_argument("--bfloat16", action="store_true", help="faster, where the processor has it")
-    for name in ("no-augment", "no-uav-edges", "no-ugv-edges", "no-names"):
+    for name in ("no-augment", "no-uav-edges", "no-ugv-edges", "no-names", "no-place"):
         parser.add_argument(f"--{name}", action="store_true")
     given = parser.parse_args(arguments)
     one = data_set(given.set)
@@ -206,6 +210,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     config = PaperConfig(
         first.n_tasks, len(first.path_points), *one.team, graph=given.graph, dim=given.dim, radius=given.radius,
         uav_edges=not given.no_uav_edges, ugv_edges=not given.no_ugv_edges, named=not given.no_names,
+        by_place=not given.no_place,
     )  # fmt: skip
     how = replace(
         how,

@@ -16,7 +16,20 @@ from planner.labels import in_order
 from planner.plan import Action, Visit
 from planner.policy import tokens_kernel as tk
 from planner.policy.config import PaperConfig
-from planner.policy.graph import POINT, TASK, UAV, UGV, Graph, action_of, graph, index_of, n_actions, spoken
+from planner.policy.graph import (
+    POINT,
+    TASK,
+    UAV,
+    UGV,
+    Graph,
+    action_of,
+    graph,
+    index_of,
+    n_actions,
+    numbering,
+    renumbered,
+    spoken,
+)
 from planner.policy.paper_decode import PaperPolicy
 from planner.policy.paper_kernel import offer_all, say
 from planner.policy.paper_net import Graphs, PaperNet
@@ -198,6 +211,28 @@ def test_half_precision_learns_the_same(pairs: list[tuple[Problem, tuple[Action,
     assert float(half.detach()) == pytest.approx(float(plain.detach()), rel=0.02)
     half.backward()
     assert all(p.grad is not None and p.grad.dtype == torch.float32 for p in net.decoder.parameters())
+
+
+def test_numbers_by_place_do_not_depend_on_the_order_given(pairs: list[tuple[Problem, tuple[Action, ...]]]) -> None:
+    problem = preset("T15-P5", (2, 2), 4)
+    order = numbering(problem)
+    assert sorted(order.tolist()) == list(range(15))
+    first, second = problem.tasks[order[:4]], problem.tasks[order[4:8]]  # four strips: 4, 4, 4, 3
+    assert first[:, 0].max() <= second[:, 0].min()
+    assert (np.diff(first[:, 1]) > 0).all() and (np.diff(second[:, 1]) < 0).all()
+    config = replace(CONFIG, by_place=True)
+    policy = PaperPolicy(config, network(config)[1])
+    mixed = renumbered(problem, np.random.default_rng(1).permutation(15))
+    one, other = policy.greedy(problem), policy.greedy(mixed)
+    for plan, of in ((one, problem), (other, mixed)):
+        found = evaluate(of, plan.actions(of))
+        assert found.violation is None and found.makespan_s == pytest.approx(one.makespan_s)
+    some = sequences(pairs[:1], config, augment=False)
+    task = some.graphs.task[0, some.said[0, 0] % 15]  # what is said first, and where that is
+    xy = pairs[0][0].tasks[next(a.task for a in in_order(*pairs[0]) if isinstance(a, Visit))]
+    every = np.vstack([pairs[0][0].tasks, pairs[0][0].sites])
+    low, high = every.min(axis=0), every.max(axis=0)
+    assert task[:2] == pytest.approx((xy - 0.5 * (low + high)) / (high - low).max(), abs=1e-5)
 
 
 def test_numbering_tasks_anew_keeps_every_plan(pairs: list[tuple[Problem, tuple[Action, ...]]]) -> None:
