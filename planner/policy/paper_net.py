@@ -2,7 +2,7 @@
 
 Where the paper leaves something open: edges lead to UAVs and to UGVs as equations (3) and (4) have it, a node's own
 edge is among the intra edges, scores are normalised over each set of edges apart, the first embedding h^0 is z (and the
-node's number, see ``PaperConfig.named``), and the sequence begins with a start symbol. Beyond the paper are the numbers,
+node's number, see ``PaperConfig.named``), and the sequence begins with a start symbol. Beyond the paper: the numbers,
 that they tell where a task lies (``PaperConfig.by_place``), and the first weights (``_begin``); graph and MLP have them
 alike. ``paper_numpy`` computes the same without torch.
 """

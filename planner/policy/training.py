@@ -133,10 +133,11 @@ class Progress:
             about: what else the weights files shall tell.
         """
         told = {"training": self.how.to_json(), **row, **about}
-        write(self.folder / "last.safetensors", self.config, self.tensors(), told)
+        half = isinstance(self.config, PaperConfig)  # there is one for each data set
+        write(self.folder / "last.safetensors", self.config, self.tensors(), told, half=half)
         if loss <= self.best:
             self.best = loss
-            write(self.folder / "best.safetensors", self.config, self.tensors(), told)
+            write(self.folder / "best.safetensors", self.config, self.tensors(), told, half=half)
         curve = self.folder / "curve.csv"
         rows: list[dict[str, Any]] = []
         if curve.exists():  # a row that was written just before an interruption is written again

@@ -22,7 +22,9 @@ FORMAT = "copcs-policy/1"
 Tensors = Mapping[str, NDArray[np.float32]]
 
 
-def write(path: Path, config: PlusConfig | PaperConfig, tensors: Tensors, about: Mapping[str, Any]) -> str:
+def write(
+    path: Path, config: PlusConfig | PaperConfig, tensors: Tensors, about: Mapping[str, Any], *, half: bool = False
+) -> str:
     """Writes a weights file, whole or not at all; its SHA-256.
 
     Args:
@@ -30,10 +32,11 @@ def write(path: Path, config: PlusConfig | PaperConfig, tensors: Tensors, about:
         config: the network's.
         tensors: its weights by name, as ``state_dict`` has them.
         about: how they were made (data, seed, losses); kept in the file.
+        half: in half precision, for files that are many.
     """
-    single = {k: np.ascontiguousarray(v, dtype=np.float32) for k, v in tensors.items()}
+    kept = {k: np.ascontiguousarray(v, dtype=np.float16 if half else np.float32) for k, v in tensors.items()}
     more = {"format": FORMAT, "config": json.dumps(config.to_json()), "about": json.dumps(dict(about))}
-    data = save(single, metadata=more)
+    data = save(kept, metadata=more)
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(".part")
     part.write_bytes(data)
@@ -54,7 +57,8 @@ def read(
             raise PlannerError(f"{path}: the weights are not the ones expected (hash differs); fetch the file again")
         with safe_open(path, "numpy") as file:
             more = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  (no mapping)
+            names = list(file.keys())
+            tensors = {name: file.get_tensor(name).astype(np.float32, copy=False) for name in names}
     except (OSError, SafetensorError) as error:
         raise PlannerError(f"{path}: the weights cannot be read: {error}") from error
     if more.get("format") != FORMAT:

@@ -38,7 +38,7 @@ from planner.policy.paper_train import loss_of as paper_loss_of
 from planner.policy.paper_train import measure, sequences, shuffled, train
 from planner.policy.state import new_state
 from planner.policy.training import Training
-from planner.policy.weights import write
+from planner.policy.weights import read, write
 from planner.presets import preset
 from planner.problem import Problem
 from planner.schedule import evaluate
@@ -264,6 +264,9 @@ def test_training_learns_and_goes_on(tmp_path: Path, pairs: list[tuple[Problem, 
     net = train(tmp_path, CONFIG, how, data, valid, quiet=True)
     assert measure(net, valid, 8, torch.device("cpu"))[0] < 0.8 * before
     assert (tmp_path / "curve.csv").read_text().count("\n") == 25
-    policy = PaperPolicy.load(tmp_path / "best.safetensors")
+    best, size = tmp_path / "best.safetensors", sum(p.numel() for p in net.parameters())
+    assert best.stat().st_size < 2.2 * size + 10_000  # in half precision: there are many of these files
+    assert all(x.dtype == np.float32 for x in read(best)[1].values())
+    policy = PaperPolicy.load(best)
     problem = pairs[0][0]
     assert evaluate(problem, policy.greedy(problem).actions(problem)).violation is None
