@@ -171,6 +171,7 @@ def _colour(name: str) -> str:
         "search": "#111827",
         "search-0.3s": "#4b5563",
         "search-as-copcs": "#9ca3af",
+        "search-as-beam": "#d1d5db",
         "copcs": "#be185d",
         "copcs-net": "#fbcfe8",
         "copcs+beam": "#db2777",
