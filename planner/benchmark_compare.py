@@ -118,6 +118,7 @@ def against_paper(fine: Solved, setup: str, teams: Sequence[str], given: Sequenc
             theirs.append(f"*{100 * (1 - PAPER[setup, team, 'CoPCS'][0] / best):.1f} %*")
         lines.append(f"| *paper: CoPCS* | *its own* | {' | '.join(theirs)} |")
     text = (
-        f"Makespans shorter than those of the best of gls, ts and sa by, {setup}, over the instances that both solve."
+        f"How much shorter than the best of gls, ts and sa, {setup}: mean makespans over the instances that both solve "
+        "(how many)."
     )
     return _table(text, ("Row", "Baselines", *teams), 2, lines)
