@@ -41,7 +41,7 @@ from planner.problem import Problem
 
 NEVER, SHUT = np.float32(-1e9), -1e8  # the logit of what is not offered, and what lies above it
 THRIFTY = 5.0  # how much less likely (in logits) an option may be that spares a recharge
-PROBES, PROBE = 4, 5.0  # how many options are probed beside the best, and how much less likely (in logits) they may be
+PROBES, PROBE = 6, 6.0  # how many options are probed beside the best, and how much less likely (in logits) they may be
 FORCED = 0.05  # the probability that a forced decision counts with
 
 
