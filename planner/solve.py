@@ -88,6 +88,8 @@ def warm_up(method: str, options: Mapping[str, Any] | None = None) -> None:
 
             problem = sample(given)
             tries.append({**given, "polish": False})  # what its domain may not let on
+    if method in ("copcs", "search", "milp"):  # by steps, since compiling alone would use up any time
+        solve(problem, Stop(iterations=100), 0, Params("search"))
     for one in tries:
         with suppress(PlannerError):
             solve(problem, stop, 0, Params(method, options=one))
