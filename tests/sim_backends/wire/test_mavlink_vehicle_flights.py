@@ -59,7 +59,7 @@ def test_offboard_loss_lands_as_configured_and_disarms() -> None:
         s.stream = None
         s.until(lambda: s.mode == LANDING)
         s.until(lambda: not s.armed)
-        assert "Disarmed by landing" in s.texts
+        s.until(lambda: "Disarmed by landing" in s.texts)
 
 
 def test_ardupilot_says_nothing_until_asked_and_velocities_time_out() -> None:
@@ -83,7 +83,7 @@ def test_ardupilot_says_nothing_until_asked_and_velocities_time_out() -> None:
         s.until(lambda: s.ned[0] > x - 0.4)
         s.beats = False
         s.until(lambda: s.mode == 9)
-        assert "GCS Failsafe" in s.texts
+        s.until(lambda: "GCS Failsafe" in s.texts)
 
 
 def team(folder: Path, **more: object) -> World:
