@@ -23,6 +23,7 @@ from typing import Any
 
 from planner.errors import PlannerError
 from planner.instances import DATA_SETS, TEST, data_set
+from planner.labels import Expert
 from planner.policy.blas import kernels
 from planner.solve import Params, Stop, solve, warm_up
 
@@ -39,6 +40,7 @@ class Entry:
         options: of the method.
         instances: of each data set, at most; the first ones.
         network: "" or the name of networks in ``NETWORKS``, one for each data set.
+        steps: of search for each setup, instead of a time.
     """
 
     name: str
@@ -48,6 +50,11 @@ class Entry:
     options: Mapping[str, Any] = field(default_factory=dict)
     instances: int = len(TEST)
     network: str = ""
+    steps: Mapping[str, int] = field(default_factory=dict)
+
+    def stop(self, setup: str) -> Stop:
+        """When planning ends."""
+        return Stop(iterations=self.steps[setup]) if self.steps else Stop(time_s=self.time_s[setup])
 
     def weights(self, data_set_name: str) -> Path:
         """The file of its network for a data set."""
@@ -76,8 +83,11 @@ def entries() -> list[Entry]:
     short, bare, both = dict.fromkeys(SEARCH_S, POLISH_S), {"polish": False}, {"workers": CORES}
     brief = " and ".join(f"{1e3 * x:.0f}" for x in AS_COPCS_S.values())
     longer = " and ".join(f"{x:g}" for x in AS_BEAM_S.values())
+    expert = {setup: Expert().steps(setup) for setup in SEARCH_S}
+    least, most = expert.values()
     made = [
         Entry("search", "search", SEARCH_S, "ours: annealing over the joint plan"),
+        Entry("expert", "search", SEARCH_S, f"the labels' expert: {least:,} or {most:,} steps", steps=expert),
         Entry("copcs", "copcs", SEARCH_S, "ours: the network, greedy; ends by itself", bare),
         Entry("copcs-net", "copcs", SEARCH_S, "ours: the same without looking ahead", {**bare, "look_ahead": False}),
         Entry("paper", "copcs", SEARCH_S, "the paper's network, greedy; one for each data set", bare, network="hgt"),
@@ -120,7 +130,7 @@ def quick(given: Sequence[Entry]) -> list[Entry]:
         if entry.name.endswith(("-15s", "ts-tour", "sa-tour", "ts-free", "sa-free")):
             continue
         options = {k: 0.1 if k == "solve_s" else v for k, v in entry.options.items()}
-        made.append(replace(entry, time_s={"T15-P5": 0.25, "T45-P10": 0.4}, options=options, instances=1))
+        made.append(replace(entry, time_s={"T15-P5": 0.25, "T45-P10": 0.4}, options=options, instances=1, steps={}))
     return made
 
 
@@ -160,8 +170,8 @@ def measure(name: str, instance: int, entry: Entry) -> Row:
     one = data_set(name)
     weights = {"weights": str(entry.weights(name))} if entry.network else {}
     _warm_up(entry.method, name if weights else "", weights.get("weights", ""))
-    stop, options = Stop(time_s=entry.time_s[one.setup]), {**entry.options, **weights}
-    plan = solve(one.instance(instance), stop, instance, Params(entry.method, options=options)).plan
+    options = {**entry.options, **weights}
+    plan = solve(one.instance(instance), entry.stop(one.setup), instance, Params(entry.method, options=options)).plan
     s = plan.schedule
     return Row(
         name, instance, entry.name, entry.method, plan.feasible, s.makespan_s, s.uav_energy_j, s.ugv_energy_j,

@@ -87,16 +87,20 @@ def against_baselines(fine: Solved, setup: str, teams: Sequence[str], given: Seq
 
 
 def against_search(fine: Solved, setup: str, teams: Sequence[str], given: Sequence[Entry]) -> list[str]:
-    """How much longer all of our other plans are than those of search, over how many instances."""
+    """How much longer all of our other plans are than those of search, and of the labels' expert."""
+    return [line for name in ("search", "expert") for line in _against(name, fine, setup, teams, given)]
+
+
+def _against(name: str, fine: Solved, setup: str, teams: Sequence[str], given: Sequence[Entry]) -> list[str]:
     lines = []
     for e in given:
-        if e.name == "search" or e.method not in ("search", "copcs"):
+        if e.name == name or e.method not in ("search", "copcs"):
             continue
-        found = [ratio(fine, f"{setup}_{team}", e.name, "search") for team in teams]
+        found = [ratio(fine, f"{setup}_{team}", e.name, name) for team in teams]
         if any(n for _, n in found):
             texts = [f"{100 * (r - 1):+.1f} % ({n})" if n else "-" for r, n in found]
             lines.append(f"| {e.name} | {' | '.join(texts)} |")
-    text = f"Makespans against those of search, {setup}, over the instances that both solve (how many)."
+    text = f"Makespans against those of {name}, {setup}, over the instances that both solve (how many)."
     return _table(text, ("Row", *teams), 1, lines)
 
 

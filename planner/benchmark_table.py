@@ -169,6 +169,7 @@ def _colour(name: str) -> str:
         return hues[reading][BASELINES.index(method)]
     ours = {
         "search": "#111827",
+        "expert": "#1f2937",
         "search-0.3s": "#4b5563",
         "search-as-copcs": "#9ca3af",
         "search-as-beam": "#d1d5db",

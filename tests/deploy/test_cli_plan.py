@@ -119,9 +119,10 @@ def test_ctrl_c_while_planning(problem: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.slow  # compiles the planner
-def test_compiling_does_not_count_as_planning(problem: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("planner", ["copcs", "search", "milp"])
+def test_compiling_does_not_count_as_planning(problem: Path, tmp_path: Path, planner: str) -> None:
     start = "from deploy.cli import main; main()"
-    command = [sys.executable, "-c", start, "plan", str(problem), "--time", "0.5", "--json"]
+    command = [sys.executable, "-c", start, "plan", str(problem), "--planner", planner, "--time", "0.5", "--json"]
     folder = tmp_path / "machine_code"
     folder.mkdir()
     env = {**os.environ, "NUMBA_CACHE_DIR": str(folder), "PYTHONPATH": str(Path(__file__).parents[2])}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 from reference import Reference
@@ -13,11 +14,13 @@ from planner.benchmark import SEARCH_S, Entry, Row, entries, measure, quick, rea
 from planner.benchmark_table import cells, markdown, plot
 from planner.errors import PlannerError
 from planner.instances import DATA_SETS, TEST, data_set
+from planner.labels import read as read_labels
 from planner.paper import METHODS, PAPER
 from planner.presets import PRESETS
 from planner.solve import METHODS as KNOWN
 from planner.solve import Params, Stop, solve
 
+LABELS = Path(__file__).parents[2] / "benchmarks" / "labels"
 SETS = ["T15-P5_1-1", "T15-P5_4-2"]
 
 
@@ -71,6 +74,12 @@ def test_rows_say_what_the_plan_is() -> None:
     assert row.uav_energy_j > 5e5 and row.makespan_s > 1000.0
 
 
+def test_the_experts_rows_are_the_labels() -> None:
+    expert = next(e for e in entries() if e.name == "expert")
+    label = next(x for x in read_labels(LABELS, "T15-P5_4-2") if x.index == 801)
+    assert measure("T15-P5_4-2", 801, expert).makespan_s == pytest.approx(label.makespan_s, abs=1e-6)
+
+
 def test_processes_measure_the_same(tmp_path) -> None:
     rows = run(tmp_path / "r.csv", [fast("a", count=1)], sets=SETS, instances=1, jobs=2)
     assert [r.data_set for r in rows] == SETS and all(r.feasible for r in rows)
@@ -105,7 +114,11 @@ def test_table_and_plot(tmp_path) -> None:
     assert "| copcs | published, time as search | 50.5 % (1) | - | - | - |" in more  # 990 against 2000 s
     assert "| paper | published, time as search | 10.0 % (1) | - | - | - |" in more
     assert "| *paper: CoPCS* | *its own* | *23.6 %* | *45.6 %* | *45.2 %* | *50.1 %* |" in more
-    assert "| copcs | +4.5 % (2) | - | - | - |" in more and "| paper | +100.0 % (1) | - | - | - |" in more
+    assert "| copcs | +4.5 % (2) | - | - | - |" in more and "those of expert" not in more
+    given.append(Entry("expert", "search", SEARCH_S, "steps", steps={"T15-P5": 5, "T45-P10": 5}))
+    beside = markdown([*rows, row("T15-P5_1-1", "expert", 880.0)], given).split("those of expert")[1]
+    assert "| search | +2.3 % (1) | - | - | - |" in beside and "| copcs | +12.5 % (1) | - | - | - |" in beside
+    assert "| paper | +100.0 % (1) | - | - | - |" in more
     assert "1-1: milp proved 1 of 2 optimal, mean gap 5.0 %" in text
     assert "What cannot:" in text and "T45" not in text.split("## T15")[1]
     plot(rows, given, tmp_path / "p.png")
