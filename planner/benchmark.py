@@ -70,6 +70,8 @@ SEARCH_S = {"T15-P5": 1.0, "T45-P10": 5.0}
 PUBLISHED_S = 15.0
 PUBLISHED_COUNT = 20
 EXACT_COUNT = 5
+THRIFTY_COUNT = 50
+DRIVE = 0.2  # what a driven second counts for `search-thrifty`
 POLISH_S = 0.3
 CORES = 2  # for `copcs+search` and `search-0.3s`; all others plan on one
 BEAM_S = {"T15-P5": 2.0, "T45-P10": 10.0}  # at most; it ends by itself
@@ -100,6 +102,8 @@ def entries() -> list[Entry]:
         Entry("search-as-copcs", "search", AS_COPCS_S, f"search alone, as long as copcs: {brief} ms"),
         Entry("search-as-beam", "search", AS_BEAM_S, f"search alone, as long as copcs+beam: {longer} s"),
     ]  # fmt: skip
+    thrifty = f"search where a second driven counts as {DRIVE:g} s of makespan"
+    made.append(Entry("search-thrifty", "search", SEARCH_S, thrifty, {"drive": DRIVE}, THRIFTY_COUNT))
     for method, words in _NAMES.items():
         made.append(Entry(method, method, SEARCH_S, f"OR-Tools {words}, fewest stops; time as search"))
     for method in _NAMES:

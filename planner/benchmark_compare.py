@@ -66,24 +66,28 @@ def _table(text: str, head: Sequence[str], words: int, lines: Sequence[str]) -> 
 
 
 def against_baselines(fine: Solved, setup: str, teams: Sequence[str], given: Sequence[Entry]) -> list[str]:
-    """Search against the best of each reading of the baselines, with energies."""
+    """Search, and search that saves driving, against the best of each reading of the baselines, with energies."""
+    return [line for name in ("search", "search-thrifty") for line in _energies(name, fine, setup, teams, given)]
+
+
+def _energies(mine: str, fine: Solved, setup: str, teams: Sequence[str], given: Sequence[Entry]) -> list[str]:
     lines = []
     for reading, names in _readings(given).items():
         for team in teams:
-            best = _best(fine, f"{setup}_{team}", "search", names)
+            best = _best(fine, f"{setup}_{team}", mine, names)
             if best is None:
                 continue
             share, name, n = best
             energies = ("uav_energy_j", "ugv_energy_j")
-            more = [ratio(fine, f"{setup}_{team}", "search", name, x)[0] - 1 for x in energies]
+            more = [ratio(fine, f"{setup}_{team}", mine, name, x)[0] - 1 for x in energies]
             lines.append(
                 f"| {reading} | {team} | {name} | {n} | {100 * (1 - share):.1f} % | {100 * (1 / share - 1):.1f} % "
                 f"| {100 * more[0]:+.0f} % | {100 * more[1]:+.0f} % |"
             )
-    head = ("Baselines", "Team", "Best", "Instances", "Search is shorter by", "It is longer by", "UAV energy",
-            "UGV energy")  # fmt: skip
-    text = f"Search against the best of gls, ts and sa, {setup}, over the instances that both solve. "
-    return _table(text + "Energies: search's, more or less than theirs.", head, 3, lines)
+    head = ("Baselines", "Team", "Best", "Instances", f"{mine} is shorter by", "It is longer by",
+            "UAV energy", "UGV energy")  # fmt: skip
+    text = f"{mine} against the best of gls, ts and sa, {setup}, over the instances that both solve. "
+    return _table(text + f"Energies: those of {mine}, more or less than theirs.", head, 3, lines)
 
 
 def against_search(fine: Solved, setup: str, teams: Sequence[str], given: Sequence[Entry]) -> list[str]:

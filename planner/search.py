@@ -32,13 +32,14 @@ NEIGHBOURS = 16  # of each task, for the moves
 CHUNK = 2_000  # steps between two looks at the clock and changes of the shortage's weight
 UNVISITED_WALK_S = 2e4  # what a task left out costs on the walk, where leaving out is allowed
 MOST_WORKERS = 64
-DRIVE = 1e-2  # what a second that a UGV drives costs on the walk
+DRIVE = 1e-3  # what a second that a UGV drives costs at least, in s of makespan ...
+DRIVE_WALK = 1e-2  # ... and on the walk
 WALK_STEPS = 16_000  # of one walk, for each task: more go into further walks from the start ...
 MOST_WALKS = 8  # ... up to so many
 MIN_TASKS = 10  # fewer count as that many
 COOLER = 0.5  # first temperature of every other worker, as a share, where there is time for one walk only
 THRIFT_FROM = 0.9  # from this share of the budget on, UGVs shall drive less within the makespan reached
-THRIFT = 5e-2  # what a second that a UGV drives costs then
+THRIFT = 5e-2  # what a second that a UGV drives costs then, at least
 SEEDS = 1 << 40  # from one worker's seed to the next
 CLOCK_GUESS_PER_S = 400_000.0  # first guess of steps per second, only to shape the first chunks
 
@@ -58,6 +59,8 @@ class Options:
         workers: walks at the same time, each in a thread of its own; the best one counts. Steps are shared out.
             Where there is time for one walk each, and no start is given that shall be kept, every other one begins at a
             lower temperature.
+        drive: what a second that a UGV drives counts, in s of makespan. With 0 the shortest plan is wanted, and of
+            those the one that drives least; with more, a longer plan may be better that drives less.
     """
 
     allow_partial: bool = False
@@ -68,6 +71,7 @@ class Options:
     ruin: float = 0.15
     warm: float = 0.15
     workers: int = 1
+    drive: float = 0.0
 
     @classmethod
     def read(cls, options: Mapping[str, Any]) -> Options:
@@ -97,6 +101,9 @@ class Options:
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < most:
                 limit = "" if most > 1.0 else " and below 1"
                 raise PlannerError(f"option {name} is {value!r}; give a number above 0{limit}")
+        drive = made.drive
+        if isinstance(drive, bool) or not isinstance(drive, int | float) or not 0 <= drive < inf:
+            raise PlannerError(f"option drive is {drive!r}; give a number, 0 or above")
         if type(made.workers) is not int or not 0 < made.workers <= MOST_WORKERS:
             raise PlannerError(f"option workers is {made.workers!r}; give a whole number from 1 to {MOST_WORKERS}")
         return made
@@ -115,6 +122,7 @@ class _Search:
         self.rows = np.empty((0, 9))
         # Where tasks may be left out, no number of visits makes up for a vehicle that is lost.
         self.short_s = 1e9 if options.allow_partial else 1e3
+        self.drive = max(DRIVE, float(options.drive))
         todo = int((self.visited == 0).sum())
         self.capacity = 4 * todo + 8 * len(self.world.uavs) + 64
 
@@ -131,13 +139,14 @@ class _Search:
         return draft
 
     def settle(self, draft: _Draft, fill: bool) -> None:
-        uavs = self.around.uavs
-        search_kernel.settle(draft.acts, draft.counts, self.world, self.work, self.rows, uavs, fill, self.short_s)
+        search_kernel.settle(
+            draft.acts, draft.counts, self.world, self.work, self.rows, self.around.uavs, fill, self.short_s, self.drive
+        )
 
     def score(self, draft: _Draft, work: Work | None = None) -> float:
         n, work = int(draft.counts[0]), work or self.work
         kernel.run(self.world, work, draft.acts, n, np.inf, self.rows)
-        return search_kernel.score(work.out, n, self.short_s, search_kernel.UNVISITED_S, 0.0, search_kernel.DRIVE)
+        return search_kernel.score(work.out, n, self.short_s, search_kernel.UNVISITED_S, 0.0, self.drive)
 
     def sound(self, draft: _Draft) -> bool:
         """Whether every task is visited and nothing falls short."""
@@ -251,10 +260,11 @@ class _Walker:
         self, best: _Draft, current: _Draft, steps: int, hot_s: float, cold_s: float, weight: float, cap_s: float = 0.0
     ) -> float:
         s, begun = self.s, time.perf_counter()
+        drive = max(THRIFT if cap_s > 0.0 else DRIVE_WALK, s.drive)
         fine = search_kernel.anneal(
             best.acts, best.counts, current.acts, current.counts, s.world, self.work, s.around, self.tools,
             self.marks, s.rows, s.options.allow_partial, self.rng, steps, hot_s, cold_s, weight, UNVISITED_WALK_S,
-            s.short_s, s.options.ruin, cap_s, THRIFT if cap_s > 0.0 else DRIVE,
+            s.short_s, s.options.ruin, cap_s, drive, drive if cap_s > 0.0 else s.drive,
         )  # fmt: skip
         self.budget.done += steps
         self.budget.walked_s += time.perf_counter() - begun

@@ -21,7 +21,6 @@ O_MAKESPAN, O_UNVISITED, O_SHORT_S = kernel.O_MAKESPAN, kernel.O_UNVISITED, kern
 O_SUM_S, O_FLY_S, O_DRIVE_S = kernel.O_SUM_S, kernel.O_FLY_S, kernel.O_DRIVE_S
 UNVISITED_S = 1e6  # what a task left out costs: more than any makespan, so the number of visits comes first
 FLY, ACTION, FINISH = 2e-3, 0.02, 2e-4  # small weights per flown s, action, s of a UAV's last end
-DRIVE = 1e-3  # and per driven s, where the best plan is chosen
 OVER = 10.0  # of a second of makespan above a cap
 EVERY = 16
 
@@ -119,12 +118,13 @@ def anneal(
     ruin: float,
     cap_s: float,
     drive: float,
+    best_drive: float,
 ) -> float:
     """Runs ``iterations`` steps while the temperature falls from ``hot_s`` to ``cold_s``.
 
     ``best``, ``current`` and their counts are changed in place. A second of shortage costs ``weight`` in the walk and
     ``short_s`` where the best is chosen, a task left out ``unvisited_s`` and ``UNVISITED_S``. ``ruin`` is the share of
-    large moves. ``cap_s`` and ``drive`` are those of ``score``; without a cap the best is chosen with ``DRIVE``. The
+    large moves. ``cap_s`` and ``drive`` are those of ``score``, ``best_drive`` likewise where the best is chosen. The
     return value is the share of steps at which the current plan was feasible.
     """
     capacity = len(current)
@@ -134,7 +134,6 @@ def anneal(
     b_counts = counts.copy()
     a_counts = counts.copy()
     run(world, work, best, best_counts[0], np.inf, rows)
-    best_drive = drive if cap_s > 0.0 else DRIVE
     best_score = score(out, best_counts[0], short_s, UNVISITED_S, cap_s, best_drive)
     best_ok = out[O_SHORT_S] == 0.0
     dist, near, road, uavs, ugvs = world.dist, world.near, world.road, world.uavs, world.ugvs
@@ -222,7 +221,15 @@ def anneal(
 
 @jit
 def settle(
-    acts: Codes, counts: Counts, world: World, work: Work, rows: Floats, uav_list: Ints, fill: bool, short_s: float
+    acts: Codes,
+    counts: Counts,
+    world: World,
+    work: Work,
+    rows: Floats,
+    uav_list: Ints,
+    fill: bool,
+    short_s: float,
+    drive: float,
 ) -> None:
     """Puts pool tasks where they cost least (with ``fill`` all, else those that make the plan better).
 
@@ -236,7 +243,7 @@ def settle(
         total = n + counts[1]
         task = acts[n + k] & MASK
         run(world, work, acts, n, np.inf, rows)
-        least = np.inf if fill else score(out, n, short_s, UNVISITED_S, 0.0, DRIVE)
+        least = np.inf if fill else score(out, n, short_s, UNVISITED_S, 0.0, drive)
         best_at = -1
         best_uav = 0
         for uav in uav_list:
@@ -247,7 +254,7 @@ def settle(
                 for i in range(at, n):
                     trial[i + 1] = acts[i]
                 run(world, work, trial, n + 1, np.inf, rows)
-                value = score(out, n + 1, short_s, UNVISITED_S, 0.0, DRIVE)
+                value = score(out, n + 1, short_s, UNVISITED_S, 0.0, drive)
                 if value < least:
                     least = value
                     best_at = at
@@ -261,13 +268,13 @@ def settle(
         counts[1] -= 1
     i = counts[0] - 1
     run(world, work, acts, counts[0], np.inf, rows)
-    least = score(out, counts[0], short_s, UNVISITED_S, 0.0, DRIVE)
+    least = score(out, counts[0], short_s, UNVISITED_S, 0.0, drive)
     while i >= 0:
         if (acts[i] >> KIND) != VISIT:
             total = counts[0] + counts[1]
             code = remove(acts, total, i)
             run(world, work, acts, counts[0] - 1, np.inf, rows)
-            value = score(out, counts[0] - 1, short_s, UNVISITED_S, 0.0, DRIVE)
+            value = score(out, counts[0] - 1, short_s, UNVISITED_S, 0.0, drive)
             if value <= least:
                 least = value
                 counts[0] -= 1

@@ -77,6 +77,21 @@ def test_budgets_are_kept() -> None:
     assert solve(problem, Stop(iterations=10**9, time_s=0.05)).iterations < 10**9
 
 
+def test_driving_may_count() -> None:
+    """With a price on driving, UGVs drive less, and what counts then is less than for the shortest plans."""
+    short, thrifty = [], []
+    for seed in range(3):
+        problem = preset("T15-P5", (2, 2), seed)
+        for price, found in ((0.0, short), (0.5, thrifty)):
+            plan = solve(problem, Stop(iterations=100_000), 1, Params("search", options={"drive": price})).plan
+            check(problem, plan)
+            assert plan.feasible
+            driven_s = plan.schedule.ugv_energy_j / problem.ugvs[0].drive_w  # standing is free
+            found.append((plan.makespan_s, driven_s, plan.makespan_s + 0.5 * driven_s))
+    assert all(b[2] < a[2] + 1e-6 for a, b in zip(short, thrifty, strict=True))
+    assert sum(b[1] for b in thrifty) < 0.9 * sum(a[1] for a in short)
+
+
 def test_no_useless_action_is_left() -> None:
     problem = preset("T15-P5", (2, 2), 1)
     plan = solve(problem, Stop(iterations=30_000)).plan
@@ -252,6 +267,8 @@ def test_nothing_to_do() -> None:
         ({"hot": 0}, "option hot is 0; give a number above 0"),
         ({"cold": "x"}, "option cold is 'x'; give a number above 0"),
         ({"ruin": 1.0}, "option ruin is 1.0; give a number above 0 and below 1"),
+        ({"drive": -1}, "option drive is -1; give a number, 0 or above"),
+        ({"drive": float("nan")}, "option drive is nan; give a number, 0 or above"),
         ({"workers": 0}, "option workers is 0; give a whole number from 1 to 64"),
         ({"workers": True}, "option workers is True; give a whole number from 1 to 64"),
     ],
