@@ -126,7 +126,7 @@ def _proofs(found: dict[tuple[str, str], Cell], setup: str, teams: Sequence[str]
 
 
 def plot(rows: Sequence[Row], given: Sequence[Entry], path: Path) -> None:
-    """Mean makespans as bars with standard errors; the paper's CoPCS and best baseline as marks."""
+    """Mean makespans as bars with standard errors, a panel for each data set; the paper's figures below, hollow."""
     import matplotlib as mpl  # noqa: PLC0415  (slow, and only for pictures)
 
     mpl.use("agg")
@@ -134,24 +134,32 @@ def plot(rows: Sequence[Row], given: Sequence[Entry], path: Path) -> None:
 
     found = cells(rows)
     names = [e.name for e in given if any(key[1] == e.name for key in found)]
-    figure, panels = plt.subplots(1, len(PRESETS), figsize=(13, 5), layout="constrained")
-    width = 0.84 / max(1, len(names))
-    for axes, setup in zip(panels, PRESETS, strict=True):
-        teams = [d.name.split("_")[1] for d in DATA_SETS if d.setup == setup]
-        for i, name in enumerate(names):
-            here = [found.get((f"{setup}_{team}", name)) for team in teams]
-            x = [t + (i - 0.5 * (len(names) - 1)) * width for t in range(len(teams))]
-            heights = [c.means[0] if c is not None else math.nan for c in here]
-            errors = [0.0 if c is None or math.isnan(c.errors[0]) else c.errors[0] for c in here]
-            axes.bar(x, heights, width, yerr=errors, color=_colour(name), label=name, error_kw={"linewidth": 0.8})
-        for method, marker in (("CoPCS", "D"), ("GLS", "o")):
-            y = [PAPER[setup, team, method][0] for team in teams]
-            label = f"paper: {method}"
-            axes.plot(range(len(teams)), y, marker, mfc="none", mec="#b91c1c", ms=9, ls="none", label=label)
-        axes.set_xticks(range(len(teams)), teams)
-        axes.set(title=setup, xlabel="UAVs-UGVs", ylabel="mean makespan, s")
-        axes.set_ylim(bottom=0)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=8, fontsize=8)
+    y, labels = range(len(names) + len(METHODS)), [*names, *(f"paper: {method}" for method in METHODS)]
+    size = (13, 1.5 + 2 * 0.17 * len(labels))
+    figure, panels = plt.subplots(
+        len(PRESETS), len(TEAMS), figsize=size, sharex="row", sharey=True, layout="constrained"
+    )
+    for axes, one in zip(panels.flat, DATA_SETS, strict=True):
+        here = [found.get((one.name, name)) for name in names]
+        means = [c.means[0] if c is not None else math.nan for c in here]
+        errors = [0.0 if c is None or math.isnan(c.errors[0]) else c.errors[0] for c in here]
+        axes.barh(
+            y[: len(names)], means, 0.76, xerr=errors, color=[_colour(name) for name in names],
+            error_kw={"linewidth": 0.8},
+        )  # fmt: skip
+        team = one.name.split("_")[1]
+        published = [PAPER[one.setup, team, method][0] for method in METHODS]
+        axes.barh(y[len(names) :], published, 0.76, facecolor="none", edgecolor="#b91c1c")
+        if names and not math.isnan(means[0]):
+            axes.axvline(means[0], color=_colour(names[0]), linewidth=0.8, linestyle=":")
+        axes.set(title=f"{one.setup}, {team}", xlim=(0, None))
+        axes.set_yticks(y, labels, fontsize=8)
+        axes.tick_params(axis="x", labelsize=8)
+        axes.grid(axis="x", linewidth=0.4)
+        axes.set_axisbelow(True)
+    panels[0, 0].set_ylim(len(labels) - 0.4, -0.6)  # first row on top
+    says = "mean makespan, s (with standard error; dotted: the first row; hollow: the paper's figures)"
+    figure.supxlabel(says, fontsize="medium")
     figure.savefig(path, dpi=90)
     plt.close(figure)
 
@@ -169,10 +177,11 @@ def _colour(name: str) -> str:
         return hues[reading][BASELINES.index(method)]
     ours = {
         "search": "#111827",
-        "expert": "#1f2937",
-        "search-0.3s": "#4b5563",
+        "expert": "#374151",
+        "search-0.3s": "#6b7280",
         "search-as-copcs": "#9ca3af",
         "search-as-beam": "#d1d5db",
+        "search-thrifty": "#4d7c0f",
         "copcs": "#be185d",
         "copcs-net": "#fbcfe8",
         "copcs+beam": "#db2777",
