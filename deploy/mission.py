@@ -40,6 +40,7 @@ from drivers.geodesy import GeoFrame
 from planner.errors import PlannerError
 from planner.problem import Problem
 from planner.roads import Roads
+from planner.solve import check_options
 from sim_backends.errors import SimulationError
 from sim_backends.faults import Fault, check_faults
 
@@ -185,6 +186,11 @@ def load(path: Path | str, overrides: Mapping[str, Any] | None = None) -> Missio
         problem = Problem(depot, sites.tasks, ways.sites[:-1], np.array(ways.distance_m), uavs, ugvs)
     except PlannerError as error:
         raise document.error(str(error), ("fleet",)) from None
+    try:
+        if config.planner.options:
+            check_options(config.planner.method, config.planner.options)
+    except PlannerError as error:
+        raise document.error(str(error), ("planner", "options")) from None
     try:
         check_faults(config.faults, [u.id for u in uavs], [g.id for g in ugvs])
     except SimulationError as error:

@@ -33,7 +33,17 @@ LEAST_S = 0.02  # of one routing model
 
 
 @dataclass(frozen=True, slots=True)
-class _Options:
+class Options:
+    """Options of the baselines.
+
+    Attributes:
+        solve_s: seconds for the model of each stop, as published, instead of a share of the time for all.
+        meet: UAVs are filled up whenever their team comes to a stop; without, the model says where they need it.
+        every_site: UGVs tour the path points nearest to tasks, instead of as few stops as possible.
+        exclude_uavs: indices of UAVs that get no action and need no recovery.
+        exclude_ugvs: indices of UGVs that get no action.
+    """
+
     solve_s: float | None = None
     meet: bool = True
     every_site: bool = False
@@ -59,7 +69,7 @@ def _plan(name: str, problem: Problem, stop: Stop, params: Params) -> Result:
     Raises:
         PlannerError: for an unknown option.
     """
-    given = _read(name, params.options)
+    given = read_options(name, params.options)
     actions: list[Action] = []
     groups = make_groups(problem, given.exclude_uavs, given.exclude_ugvs, every_site=given.every_site)
     weight = sum(1 + len(tasks) for group in groups for tasks in group.tasks)
@@ -78,8 +88,13 @@ def _plan(name: str, problem: Problem, stop: Stop, params: Params) -> Result:
     return Result(Plan(ordered, schedule, name), solved, 0.0)
 
 
-def _read(name: str, options: Mapping[str, Any]) -> _Options:
-    known = [f.name for f in fields(_Options)]
+def read_options(name: str, options: Mapping[str, Any]) -> Options:
+    """Reads ``Params.options`` of the baseline ``name``.
+
+    Raises:
+        PlannerError: for an unknown option or a wrong value.
+    """
+    known = [f.name for f in fields(Options)]
     if unknown := sorted(set(options) - {*known, "allow_partial"}):
         raise PlannerError(f"method {name!r} has no option {unknown[0]!r}; there are {', '.join(known)}")
     value = options.get("solve_s")
@@ -91,7 +106,7 @@ def _read(name: str, options: Mapping[str, Any]) -> _Options:
     # Leaving out what does not fit is what they do anyhow.
     rest = {k: v for k, v in options.items() if k != "allow_partial"}
     teams = SearchOptions.read({k: v for k, v in options.items() if k in ("exclude_uavs", "exclude_ugvs")})
-    return _Options(**{**rest, "exclude_uavs": teams.exclude_uavs, "exclude_ugvs": teams.exclude_ugvs})
+    return Options(**{**rest, "exclude_uavs": teams.exclude_uavs, "exclude_ugvs": teams.exclude_ugvs})
 
 
 def _stop_actions(

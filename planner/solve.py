@@ -69,6 +69,31 @@ def solve(problem: Problem, stop: Stop, seed: int = 0, params: Params = Params()
     return replace(result, plan=replace(result.plan, method=params.method, planning_s=took), time_s=took)
 
 
+def check_options(method: str, options: Mapping[str, Any]) -> None:
+    """Says what is wrong with a method's options before anybody plans.
+
+    Raises:
+        PlannerError: for an unknown method or option, or a wrong value.
+    """
+    _method(method)
+    if method == "copcs":
+        from planner.copcs import split  # noqa: PLC0415  (as in ``_method``)
+
+        split(options)
+    elif method == "search":
+        from planner.search import Options as SearchOptions  # noqa: PLC0415
+
+        SearchOptions.read(options)
+    elif method == "milp":
+        from planner.milp import Options as MilpOptions  # noqa: PLC0415
+
+        MilpOptions.read(options)
+    else:
+        from planner.baselines import read_options  # noqa: PLC0415
+
+        read_options(method, options)
+
+
 def warm_up(method: str, options: Mapping[str, Any] | None = None) -> None:
     """Loads and compiles what a method needs, so that its next plan takes as long as all others.
 

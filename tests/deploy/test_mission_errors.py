@@ -117,6 +117,21 @@ CASES: dict[str, tuple[dict[str, Any], str, str, tuple[str, ...]]] = {
     "failsafe fixed": (mission("failsafe", {"tumbled": "note"}), "mission.yaml", "failsafe", ("tumbled", "cannot")),
     "failsafe action": (mission("failsafe", {"pose_stale": "stop"}), "mission.yaml", "failsafe", ("'stop'", "hold")),
     "no budget": (mission("planner", {"time_s": None}), "mission.yaml", "planner", ("time_s", "never end")),
+    "option": (
+        mission("planner.options", {"drive": -1}),
+        "mission.yaml",
+        "planner.options",
+        ("drive is -1", "0 or above"),
+    ),
+    **{
+        f"option of {method}": (
+            mission("planner", {"method": method, "options": {"hott": 1}}),
+            "mission.yaml",
+            "planner.options",
+            (f"method '{method}' has no option 'hott'", "there are"),
+        )
+        for method in ("copcs", "search", "milp", "gls", "ts", "sa")
+    },
     "method": (mission("planner.method", "serch"), "mission.yaml", "planner.method", ("'serch'", "'search'")),
     "margins": (mission("checks.energy_margin_fail", 0.5), "mission.yaml", "checks", ("0.5",)),
     "fault kind": (mission("faults", [{"kind": "rain"}]), "mission.yaml", "faults[0].kind", ("'rain'",)),

@@ -21,6 +21,7 @@ from deploy.replay import ReplayResult, replay
 from deploy.screen import Header
 from deploy.session import RunResult, run_mission
 from deploy.status import Status
+from planner.errors import PlannerError
 
 FAILING = {"checks": {"energy_margin_warn": 0.99, "energy_margin_fail": 0.99}}
 
@@ -222,7 +223,8 @@ def test_a_folder_of_somebody_else(tmp_path: Path) -> None:
         fly(tmp_path)
 
 
-def test_the_planner_dying_of_wrong_options_leaves_no_folder(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="nonsense"):
-        fly(tmp_path, mission={"planner": {"options": {"nonsense": 1}}})
+def test_the_planner_dying_leaves_no_folder(tmp_path: Path) -> None:
+    lost = {"method": "copcs", "options": {"polish": False, "weights": str(tmp_path / "lost.safetensors")}}
+    with pytest.raises(PlannerError, match=r"nothing to plan with: .*lost\.safetensors"):
+        fly(tmp_path, mission={"planner": lost})
     assert not (tmp_path / "run").exists()
