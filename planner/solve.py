@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Protocol
 
 from planner.errors import PlannerError
@@ -60,7 +61,7 @@ def solve(problem: Problem, stop: Stop, seed: int = 0, params: Params = Params()
         PlannerError: for an unknown method or a wrong option; never for a problem that has no feasible plan, which
             comes back as an infeasible plan with its violation in words.
     """
-    method = _method(params.method)
+    method, _ = _method(params.method)
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 1 << 64:
         raise PlannerError(f"seed is {seed!r}; give a whole number from 0 to 2^64 - 1")
     begun = time.perf_counter()
@@ -75,23 +76,7 @@ def check_options(method: str, options: Mapping[str, Any]) -> None:
     Raises:
         PlannerError: for an unknown method or option, or a wrong value.
     """
-    _method(method)
-    if method == "copcs":
-        from planner.copcs import split  # noqa: PLC0415  (as in ``_method``)
-
-        split(options)
-    elif method == "search":
-        from planner.search import Options as SearchOptions  # noqa: PLC0415
-
-        SearchOptions.read(options)
-    elif method == "milp":
-        from planner.milp import Options as MilpOptions  # noqa: PLC0415
-
-        MilpOptions.read(options)
-    else:
-        from planner.baselines import read_options  # noqa: PLC0415
-
-        read_options(method, options)
+    _method(method)[1](options)
 
 
 def warm_up(method: str, options: Mapping[str, Any] | None = None) -> None:
@@ -132,22 +117,23 @@ METHODS = ("copcs", "search", "milp", "gls", "ts", "sa")
 DEFAULT_METHOD = "copcs"  # where nobody chose one
 
 
-def _method(name: str) -> Method:
+def _method(name: str) -> tuple[Method, Callable[[Mapping[str, Any]], object]]:
+    """The method and what reads its options, which raises where they are wrong."""
     # Methods are imported when first asked for: some will be slow to import.
     if name == "copcs":
-        from planner.copcs import copcs  # noqa: PLC0415
+        from planner import copcs  # noqa: PLC0415
 
-        return copcs
+        return copcs.copcs, copcs.split
     if name == "search":
-        from planner.search import search  # noqa: PLC0415
+        from planner import search  # noqa: PLC0415
 
-        return search
+        return search.search, search.Options.read
     if name == "milp":
-        from planner.milp import milp  # noqa: PLC0415
+        from planner import milp  # noqa: PLC0415
 
-        return milp
+        return milp.milp, milp.Options.read
     if name in ("gls", "ts", "sa"):
-        from planner.baselines import baseline  # noqa: PLC0415
+        from planner import baselines  # noqa: PLC0415
 
-        return baseline(name)
+        return baselines.baseline(name), partial(baselines.read_options, name)
     raise PlannerError(f"method {name!r} does not exist; there are {', '.join(METHODS)}")
